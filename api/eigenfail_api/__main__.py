@@ -33,7 +33,7 @@ KEEP_ALIVE_S = 75
 """Longer than nginx keeps its connections: it would send requests into one that is closing."""
 
 WAIT_S = 2.0
-"""How long a statement of a request waits for the lock of another program."""
+"""Time that a statement of a request waits for the lock of another program. [s]"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def read_settings(arguments: Sequence[str] | None) -> ApiSettings:
-    """Arguments first, the environment for the rest.
+    """Return the settings: arguments first, environment variables for the rest.
 
     Raises:
         InvalidValue: a value of the wrong type or outside its bounds.
@@ -110,7 +110,7 @@ def announce(what: str, listener: socket.socket) -> None:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens, so that a taken port is known before anything else is done.
+    """Return a listening socket, so that a taken port is known before anything else is done.
 
     Raises:
         PortTaken: another process listens there.
@@ -132,7 +132,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 class Server(uvicorn.Server):
-    """uvicorn, which lets followers of events go before it waits for requests to end.
+    """uvicorn that ends event streams before it waits for requests to end.
 
     Args:
         app: what it serves. Its settings say how many connections may be open. The application
@@ -167,13 +167,13 @@ class Server(uvicorn.Server):
             self._health.start(asyncio.get_running_loop())
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """A signal to stop."""
+        """End event streams, then stop as uvicorn does."""
         self._feed.close()
         super().handle_exit(sig, frame)
 
 
 def status_of() -> int:
-    """How it ended, as an exit code."""
+    """Serve, and return the exit code."""
     try:
         return main()
     except SystemExit as end:

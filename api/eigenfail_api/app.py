@@ -118,7 +118,7 @@ FORMS = (launch_page.router,)
 
 @cache
 def _included_routers(extensions: tuple[Extension, ...]) -> tuple[BaseRoute, ...]:
-    """The routers as applications with these extensions include them.
+    """Return the routes of an application with these extensions.
 
     FastAPI analyses a route at its first request and keeps the result with the included router: all
     applications of a process share it.
@@ -167,6 +167,8 @@ def create_app(
         title="eigenfail",
         version=__version__,
         summary="Finds, groups, replays and prices rare failures of driving stacks.",
+        # FastAPI's own pages load scripts from another host. The security policy forbids that, and
+        # a machine without internet has no such host.
         docs_url=None,
         redoc_url=None,
         default_response_class=parameters.Json,
@@ -188,6 +190,8 @@ def create_app(
     app.add_middleware(Disconnects)
     app.add_middleware(EntityTags)
     app.add_middleware(HeadRequests)
+    # Preconditions is outside of HeadRequests and EntityTags, because these answer its questions
+    # about tags. It is inside of AuthMiddleware, so that only permitted requests ask.
     app.add_middleware(Preconditions)
     viewer_requests = [line for each in installed for line in each.viewer_requests]
     rules = (*RULES, *compile_rules(Scope.VIEWER, viewer_requests))
@@ -201,8 +205,10 @@ def create_app(
     app.add_middleware(LinkMiddleware, links=links)
     app.add_middleware(OriginGuard, hosts=settings.names)
     app.add_middleware(operations.RequestCounter, registry=app.state.registry)
+    # Outside of everything that refuses requests, so that refusals have the headers, too.
     app.add_middleware(SecurityHeaders)
     if settings.proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=[*settings.proxies])
+    # Outermost: ProxyHeadersMiddleware replaces the address that the connection came from.
     app.add_middleware(PeerRecorder)
     return app

@@ -46,6 +46,7 @@ class SerialExecutor:
         busy = ServiceBusy("The service is busy with other requests of this kind.", REMEDY)
         if self._waiting >= MOST_WAITING:
             raise busy
+        # No lock is needed: this number changes in the event loop alone.
         self._waiting += 1
         future = self._pool.submit(work, *args, **kwargs)
         result = asyncio.wrap_future(future)

@@ -1,4 +1,4 @@
-"""What other distributions add to the service: routes, pages and entries of the navigation."""
+"""Extensions: routes, pages and navigation entries that other distributions add."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Extension:
-    """What an entry point of the group `eigenfail.routes` names.
+    """An extension, which an entry point of the group `eigenfail.routes` names.
 
     Attributes:
         routers: routers of FastAPI. Addresses of the REST API begin with `/api/v1`; pages of the
@@ -35,7 +35,7 @@ class Extension:
     viewer_requests: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the package has no templates."""
+        """Raise ValueError if the package has no templates."""
         if self.templates:
             add_templates(self.templates)
 
@@ -56,6 +56,7 @@ def load_extensions(core: Iterable[APIRouter]) -> tuple[Extension, ...]:
         except EigenfailError:
             log.exception("The extension '%s' is left out. All else works.", name)
             continue
+        # An extension cannot take an address of another extension, either.
         taken |= set(list_requests(extension.routers))
         found.append(extension)
     return tuple(found)

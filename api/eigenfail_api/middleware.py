@@ -152,6 +152,7 @@ async def holds(app: ASGIApp, scope: Scope, root: str) -> bool:
 
 def _ask_head(scope: Scope, path: str) -> Scope:
     """Return the request for the entity tag of an address, of the user of another request."""
+    # These headers describe the body of the change and its condition, and this request has neither.
     left_out = {b"if-match", b"content-length", b"content-type", b"transfer-encoding", b"accept"}
     headers = [(name, value) for name, value in scope["headers"] if name not in left_out]
     return {

@@ -242,7 +242,7 @@ def _describe_answer(verb: str, status: str, response: Node) -> None:
 
 
 def _is_list(response: Node) -> bool:
-    """Whether an answer is a page, of items with an address each."""
+    """Return whether an answer is a page, of items with an address each."""
     schema = response["content"][JSON]["schema"]
     return str(schema.get("$ref", "")).rpartition("/")[2].startswith("Page_")
 

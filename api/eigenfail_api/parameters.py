@@ -24,7 +24,7 @@ LARGEST = LARGEST_INTEGER
 IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
 MANY_IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18})*$"
 LONGEST_IDS = 20_000
-"""As many ids as a suite has members at most. [characters]"""
+"""Length of as many ids as a suite can have members. [characters]"""
 EXPORT = "^[0-9a-f]{32}$"
 FORMS = {
     IDS: "ids such as 1 or 1,2,3",
@@ -36,6 +36,7 @@ FORMS = {
 
 async def store_of(request: Request) -> Store:
     """Return the application's store."""
+    # This and similar functions are asynchronous, since FastAPI would run plain ones in a thread.
     store: Store = request.app.state.store
     return store
 
@@ -72,6 +73,7 @@ async def refuse_other_media(request: Request) -> None:
         HTTPException: 415 or 406; the supported types are listed.
     """
     route = request.scope["route"]
+    # Pages are for browsers, which accept anything; only routes of the API declare media types.
     if not route.include_in_schema:
         return
     sent, read = request.headers.get("content-type"), _media_read(route)
@@ -236,6 +238,7 @@ async def read_within(request: Request) -> bytes:
         HTTPException: 413, it is larger than the limit.
     """
     most = request.app.state.settings.max_body_bytes
+    # The bytes are counted while they arrive: `Content-Length` may be missing or wrong.
     data = bytearray()
     async for part in request.stream():
         data += part

@@ -64,6 +64,7 @@ def answer(problem: Problem, headers: Mapping[str, str] | None = None) -> Respon
     """Return the response for a problem."""
     # Unexpected errors are answered outside of the middleware that adds the security headers.
     return Response(
+        # A problem may quote a wrong value, and this value may be a key.
         redact(http.encode(problem).decode()),
         problem.status,
         {**SECURITY_HEADERS, **(headers or {})},

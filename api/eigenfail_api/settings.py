@@ -1,4 +1,4 @@
-"""How the API is set up."""
+"""Settings of the API, and refusals of unsafe ones."""
 
 from collections.abc import Iterable, Iterator
 from ipaddress import IPv4Network, IPv6Network, collapse_addresses
@@ -76,12 +76,12 @@ class ApiSettings(BaseSettings):
 
     @property
     def is_private(self) -> bool:
-        """Whether only this machine can reach the address."""
+        """Return whether only this machine can reach the address."""
         return is_loopback(self.host)
 
     @property
     def names(self) -> tuple[str, ...] | None:
-        """Names under which it may be asked: those that were set, else those of this machine.
+        """Return the accepted host names: those that were set, else those of this machine.
 
         None takes any, where other machines may reach it and everybody there shows a key: no page
         of another origin has one to send.
@@ -92,7 +92,7 @@ class ApiSettings(BaseSettings):
 
 
 def refuse_open_door(settings: ApiSettings) -> None:
-    """An address that strangers can reach.
+    """Refuse an address that strangers can reach without a key.
 
     Raises:
         InvalidValue: it is one, no key is required, and the network is not declared trusted.
@@ -152,6 +152,8 @@ def refuse_unsafe_sign_in(settings: ApiSettings) -> None:
 
 def _join_networks(networks: Iterable[Network]) -> Iterator[Network]:
     """Yield the fewest networks with the same addresses."""
+    # Many small networks next to each other may add up to the whole internet, so they are judged
+    # together.
     given = tuple(networks)
     yield from collapse_addresses(each for each in given if isinstance(each, IPv4Network))
     yield from collapse_addresses(each for each in given if isinstance(each, IPv6Network))

@@ -32,17 +32,17 @@ from eigenfail_services.webhooks.dispatcher import WebhookDispatcher
 TURN_S = 0.25
 RETRY_S = 1.0
 HUB_WAIT_S = 0.5
-"""How long a statement of the hub waits for the lock of another program: workers wait as long for
+"""Time that a statement of the hub waits for another program's lock: workers wait as long for
 an answer, and what could not be written is tried again."""
 
 OWN_WORKERS = "own"
-"""What the log calls the key of the workers that the service starts itself."""
+"""Name in the log of the key of the workers that the service starts itself."""
 
 log = structlog.get_logger()
 
 
 def parse(words: list[str] | None = None) -> argparse.Namespace:
-    """What the command line says."""
+    """Return the options and the command of the command line."""
     parser = Parser(prog="eigenfail_services", description=__doc__)
     parser.set_defaults(command=serve)
     options.add_options(parser)
@@ -64,7 +64,7 @@ def analyse_one(arguments: argparse.Namespace) -> NoReturn:
 
 
 def status_of(arguments: argparse.Namespace) -> int:
-    """How the analysis ended, as an exit code; what went wrong is on standard error."""
+    """Run the analysis, and return its exit code; problems go to standard error."""
     try:
         # The service made the database; where it is gone since, nothing may take its place.
         store = open_store(arguments.database, migrate=False)
@@ -85,9 +85,12 @@ def serve(arguments: argparse.Namespace) -> None:
         options.create_launcher(arguments),
     )
     stopping = Event()
+    # From here on a signal asks for an orderly end, so that nothing that is started below is left
+    # behind.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     store = open_store(arguments.database)
+    # The hub waits only briefly for a lock: workers wait for its answers.
     hub_store = open_store(arguments.database, wait_s=HUB_WAIT_S)
     of_learners = SettingBounds(arguments.learner_limit, arguments.learner_memory)
     of_analyses = SettingBounds(arguments.analysis_limit, arguments.learner_memory)
@@ -98,6 +101,8 @@ def serve(arguments: argparse.Namespace) -> None:
     webhooks = WebhookDispatcher(store, arguments.webhook_networks)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
         endings.callback(observability.configure("services"))
+        # In the end the hub stops first, so that no result arrives any more. Then claims are given
+        # back, workers leave, and the stores are closed last.
         stores = (store.close, hub_store.close)
         parts = (launcher.stop, analyses.stop, supervisor.release, hub.stop)
         for ending in (*stores, webhooks.stop, *parts):
@@ -110,6 +115,7 @@ def serve(arguments: argparse.Namespace) -> None:
         is_local = arguments.launcher == Launcher.LOCAL
         reached = hub.address if is_local else arguments.advertise or hub.address
         launcher.start(reached, keys.create_own(OWN_WORKERS) if keys else None, stopping.is_set)
+        # Whoever starts the services reads in this line that they are ready, and where the hub is.
         if not stopping.is_set():
             sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")
             sys.stdout.flush()
@@ -127,12 +133,13 @@ def supervise(supervisor: Supervisor, staffing: WorkerScaling, hub: Hub, stoppin
             except StoreUnavailable as error:
                 log.warning("store unavailable", problem=str(error))
                 time.sleep(RETRY_S)
+        # Without a hub the supervisor would claim jobs that nothing here runs.
         if not hub.is_alive():
             raise EigenfailError("The hub's thread has died.", "Its log says why; start again.")
 
 
 def main() -> None:
-    """Do what the command line says; one sentence and an exit code for every trouble."""
+    """Run the command; an error is one sentence and an exit code."""
     arguments = parse()
     try:
         logs.configure("services")

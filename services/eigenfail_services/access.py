@@ -45,7 +45,7 @@ def make_key(store: Store, request: access.KeyRequest) -> access.NewKey:
 
 
 def revoke_key(store: Store, number: int) -> access.ApiKey:
-    """The key, which opens nothing any more.
+    """Revoke a key, and return it.
 
     Raises:
         NotFound: there is no such key.
@@ -72,8 +72,12 @@ def authenticate_key(store: Store, token: str, at_ms: int) -> access.ApiKey:
         raise make_invalid_key_error()
     try:
         found = store.keys.find(int(match["id"]))
+    # An unknown id is refused in the same words as a wrong secret: the answer must not reveal which
+    # keys exist.
     except NotFound:
         raise make_invalid_key_error() from None
+    # The comparison takes the same time however many characters match, so that its duration reveals
+    # nothing.
     if not hmac.compare_digest(digest(match["secret"]), found.digest):
         raise make_invalid_key_error()
     return require_valid(found.key, at_ms)
@@ -92,12 +96,14 @@ def require_valid(key: access.ApiKey, at_ms: int) -> access.ApiKey:
 
 def note_use(store: Store, key: access.ApiKey, at_ms: int) -> None:
     """Write down that a key is in use, at most once a minute."""
+    # Otherwise every request would be a write, for which other writers wait.
     if key.last_used_ms is None or at_ms - key.last_used_ms >= MINUTE_MS:
         store.keys.used(key.id, at_ms)
 
 
 def digest(secret: str) -> str:
     """Return the SHA-256 of a secret, in hexadecimal digits."""
+    # A fast hash is enough: unlike a password, a secret of 256 random bits cannot be guessed.
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
@@ -114,7 +120,7 @@ FIELD = "--file"
 
 
 class FirstKey(msgspec.Struct, frozen=True):
-    """What became of it, without its secret.
+    """The outcome of `first_key`, without the secret.
 
     Attributes:
         made: the key that was made; null where an administrator has one already.
@@ -126,9 +132,9 @@ class FirstKey(msgspec.Struct, frozen=True):
 
 
 def first_key(store: Store, name: str, file: Path) -> FirstKey:
-    """An administrator's key in a file for its owner alone, unless one has a valid key already.
+    """Create an administrator's key in a private file, unless an administrator has a valid key.
 
-    An empty file is one that broke off between the two: then another key is made.
+    An empty file shows that an earlier attempt was interrupted: then another key is created.
 
     Raises:
         InvalidValue: the file cannot be read or written, or the name is one of callers without a
@@ -138,6 +144,8 @@ def first_key(store: Store, name: str, file: Path) -> FirstKey:
     if store.keys.admins(now_ms()) and not broke_off:
         return FirstKey(None, str(file))
     access.check_key_name(name)
+    # The file is created before the key: a key whose secret cannot be written would lock the
+    # service, and nobody could open it.
     replace_private(file, "", FIELD)
     made = make_key(store, access.KeyRequest(name, access.Scope.ADMIN))
     replace_private(file, made.token, FIELD)
@@ -193,7 +201,7 @@ class DatabaseKeys:
         return answer
 
     def get(self, key: int) -> access.ApiKey:
-        """A key, without its secret."""
+        """Return a key, without its secret."""
         with self._open() as store:
             return store.keys.find(key).key
 
@@ -205,20 +213,20 @@ class DatabaseKeys:
         return limited
 
     def list(self) -> Rows[access.ApiKey]:
-        """Keys, newest first; those that are no longer valid, too."""
+        """Return keys, newest first, including those that are no longer valid."""
         with self._open() as store:
             page = store.keys.page(MAX_ROWS)
         return Rows(lambda: iter(page.items))
 
     def revoke(self, key: int) -> access.ApiKey:
-        """Revoke a key, for good."""
+        """Revoke a key permanently."""
         with self._open() as store:
             revoked = revoke_key(store, key)
             _note(store, "DELETE", "/{key}", revoked.id, DONE)
         return revoked
 
     def audit(self) -> Rows[access.AuditEntry]:
-        """Who changed what, newest first."""
+        """Return the lines of the audit log, newest first."""
         with self._open() as store:
             page = store.audit.page(MAX_ROWS)
         return Rows(lambda: iter(page.items))

@@ -1,4 +1,4 @@
-"""What the process of a learner, or of an analysis, may take of the machine."""
+"""Limits on the time and memory of learners and analyses."""
 
 import contextlib
 import resource
@@ -21,13 +21,13 @@ LEAST_MIB = 1024.0
 CAMPAIGNS = "EIGENFAIL_CAMPAIGNS"
 SOME_CAMPAIGNS = 4
 LEARNER_MIB = 300.0
-"""What a learner with torch takes before its first step."""
+"""Memory of a learner with torch before its first step. [MiB]"""
 
 CONTAINERS_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 class SettingBounds(msgspec.Struct, frozen=True):
-    """Of one process.
+    """Limits of one process.
 
     Attributes:
         time_s: over one step of a learner, or over an analysis. [s]
@@ -48,6 +48,7 @@ class SettingBounds(msgspec.Struct, frozen=True):
             most = int(self.memory_mib * MIB)
             with contextlib.suppress(OSError):  # it has ended, or may not be confined
                 _, hard = resource.prlimit(pid, resource.RLIMIT_DATA)
+                # RLIM_INFINITY is -1, so the smaller number would be wrong.
                 most = most if hard == resource.RLIM_INFINITY else min(most, hard)
                 resource.prlimit(pid, resource.RLIMIT_DATA, (most, most))
 
@@ -56,7 +57,7 @@ NO_BOUNDS = SettingBounds(inf)
 
 
 def half_of_the_memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
-    """Half of what the machine has, or the container: one that runs wild leaves the rest alone.
+    """Return half of the memory of the machine or container, so that the rest stays free. [MiB]
 
     Never less than `LEAST_MIB`.
     """
@@ -64,7 +65,7 @@ def half_of_the_memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
 
 
 def memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
-    """What the machine has, or the container."""
+    """Return the memory of the machine, or of the container. [MiB]"""
     most = psutil.virtual_memory().total
     with contextlib.suppress(OSError, ValueError):  # there is no such file, or it says "max"
         most = min(most, int(containers_limit.read_text()))

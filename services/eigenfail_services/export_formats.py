@@ -26,7 +26,7 @@ Cells = list[filters.Value | None]
 
 
 class Selection(msgspec.Struct, frozen=True):
-    """Which episodes, in which order, and which columns of them.
+    """The chosen episodes, their order, and their columns.
 
     Columns are names that `find_column` knows.
     """
@@ -65,10 +65,11 @@ def _describe(columns: tuple[str, ...]) -> list[filters.Column]:
 
 
 def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
-    """The episodes in their order, at most `PORTION` at a time; none of these is empty."""
+    """Yield the episodes in their order, at most `PORTION` at a time, and never none."""
     store, campaign, wanted = source
     after: int | None = None
     while True:
+        # Each page is a transaction of its own, so none stays open for as long as a client reads.
         page = store.episodes.page(campaign, PORTION, after, wanted.where, wanted.sort)
         if page.items:
             yield page.items
@@ -78,21 +79,21 @@ def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
 
 
 def read_cells(row: EpisodeRow, columns: tuple[str, ...]) -> Cells:
-    """What a row has in some columns."""
+    """Return the values of a row in some columns."""
     return [filters.read_value(row, column) for column in columns]
 
 
 def pick_columns(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, filters.Value | None]:
-    """The same by name."""
+    """Return the values of a row in some columns, by the name of the column."""
     return dict(zip(columns, read_cells(row, columns), strict=True))
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""How a text begins that a spreadsheet would take for a formula, and compute."""
+"""Beginnings of texts that a spreadsheet would compute as formulas."""
 
 
 def write_ndjson(source: ExportSource) -> Iterator[bytes]:
-    """One JSON object a line, some lines at a time."""
+    """Yield lines with one JSON object each, some lines at a time."""
     columns = source.wanted.columns
     encoder = msgspec.json.Encoder()
     for rows in read_batches(source):
@@ -112,17 +113,18 @@ def write_csv(source: ExportSource) -> Iterator[bytes]:
 
 
 def _format_cell(value: filters.Value | None, is_text: bool) -> str:
-    """A value in a table; a text is never a formula."""
+    """Return a value as the text of a cell; a text is never a formula."""
     if value is None:
         return ""
     if isinstance(value, bool):
         return str(value).lower()
     words = str(value)
+    # A number may begin with a minus sign, and must remain a number.
     return f"'{words}" if is_text and words.startswith(FORMULA) else words
 
 
 def _encode_lines(lines: list[list[str]]) -> bytes:
-    """The bytes of some lines of a table."""
+    """Return some lines of a table as bytes of CSV."""
     text = io.StringIO()
     csv.writer(text).writerows(lines)
     return text.getvalue().encode()
@@ -137,7 +139,7 @@ UNIT = re.compile(r"\[([^]]+)\]$")
 
 
 class ExportOrigin(msgspec.Struct, frozen=True):
-    """What a file's metadata says of it.
+    """The origin of a file, in its metadata.
 
     Attributes:
         campaign: id of its campaign.
@@ -161,12 +163,12 @@ def _describe_origin(
 
 
 def _hash_spec(spec: CampaignSpec) -> str:
-    """SHA-256 of a spec as compact JSON with sorted keys: equal for equal specs."""
+    """Return the SHA-256 of a spec as compact JSON with sorted keys: equal for equal specs."""
     return sha256(msgspec.json.encode(spec, order="sorted")).hexdigest()
 
 
 def _find_units(columns: tuple[str, ...]) -> dict[str, str]:
-    """The units that columns say at the end of their words, by name."""
+    """Return the units of columns by name: their descriptions end with the unit."""
     found = {each.name: UNIT.search(each.words) for each in _describe(columns)}
     return {name: unit[1] for name, unit in found.items() if unit}
 
@@ -203,6 +205,7 @@ def write_parquet(
     Raises:
         NotFound: no such campaign.
     """
+    # pyarrow is an extra, which a service without Parquet exports does not need.
     from pyarrow import table
     from pyarrow.parquet import ParquetWriter
 
@@ -222,7 +225,9 @@ def write_parquet(
 
 
 def _choose_encodings(columns: tuple[str, ...], noise: tuple[str, ...]) -> dict[str, list[str]]:
-    """How columns become bytes: texts that repeat once each, floats split into their bytes."""
+    """Return the encodings: a dictionary for texts, and floats split into their bytes."""
+    # Numbers that all differ would fill a dictionary in vain; split into their bytes they take less
+    # space and are read faster.
     described = _describe(columns)
     of = {
         kind: [each.name for each in described if each.kind is kind] for kind in filters.ColumnKind
@@ -235,7 +240,7 @@ def _choose_encodings(columns: tuple[str, ...], noise: tuple[str, ...]) -> dict[
 
 
 def _make_schema(columns: tuple[str, ...], noise: tuple[str, ...], origin: ExportOrigin) -> Any:
-    """The types of the columns; what they say is their metadata, the origin that of the file."""
+    """Return the schema: types and descriptions of columns, and the origin of the file."""
     import pyarrow as pa
 
     types = {
@@ -257,7 +262,7 @@ def _make_schema(columns: tuple[str, ...], noise: tuple[str, ...], origin: Expor
 def _read_noise(
     source: ExportSource, rows: tuple[EpisodeRow, ...], names: tuple[str, ...]
 ) -> dict[str, list[Any]]:
-    """The noise of some rows, one list for each channel; none of those that were pruned."""
+    """Return the noise of some rows by channel; None for a row whose noise was pruned."""
     there = [row.index for row in rows if row.noise_pruned_ms is None]
     results = source.store.episodes.finished(source.campaign, there)
     noise = {result.index: result.noise.z.T for result in results}

@@ -33,6 +33,7 @@ def restrict_folder(folder: Path) -> None:
         ServiceError: it is a link or belongs to another user, who may have put files there.
     """
     try:
+        # `stat` would follow a link that another user has put there.
         seen = folder.lstat()
     except FileNotFoundError:
         return
@@ -106,6 +107,7 @@ def find_export_folder(database: str) -> Path:
         return sqlite_path(database).parent / "exports"
     # Without user and password, which stand before the @.
     place = sha256(database.rpartition("@")[2].encode()).hexdigest()[:12]
+    # The users of a machine share its temporary folder, so the name includes the user.
     return Path(tempfile.gettempdir()) / f"eigenfail-exports-{os.getuid()}-{place}"
 
 
@@ -143,6 +145,7 @@ class ExportFolder:
                 f"The last {MAX_EXPORTS} are kept; create a new export.",
             )
         known = msgspec.json.decode(asked, type=Export)
+        # A complete file counts, whatever problem an earlier attempt has left behind.
         if (ended := _measure_parquet(home / EPISODES_FILE)) is not None:
             rows, size = ended
             return msgspec.structs.replace(

@@ -17,7 +17,7 @@ VARIABLE = "EIGENFAIL_METRICS"
 
 
 def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:
-    """Serve the figures at host:port, on a thread; what ends that.
+    """Serve metrics at host:port on a thread; return the function that stops it.
 
     Raises:
         InvalidValue: no valid address, or one that other machines reach over an untrusted network.
@@ -41,7 +41,7 @@ def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:
 
 
 def split_address(address: str) -> tuple[str, int]:
-    """Host and port.
+    """Return the host and the port of an address.
 
     Raises:
         InvalidValue: no valid address, or one that other machines reach over an untrusted network.
@@ -66,11 +66,11 @@ TRACER = trace.get_tracer("eigenfail", __version__)
 
 
 def nothing() -> None:
-    """Nothing was begun, so that nothing has to be ended."""
+    """Do nothing: nothing was started that has to be stopped."""
 
 
 def configure(process: str) -> Callable[[], None]:
-    """Send spans where the environment says; what sends the last of them and ends that.
+    """Send spans to the configured endpoint; return the function that flushes and stops.
 
     Args:
         process: which one of the service it is; `OTEL_SERVICE_NAME` has the last word.
@@ -82,6 +82,7 @@ def configure(process: str) -> Callable[[], None]:
     if asked is None:
         return nothing
     try:
+        # The exporter is an extra. Without it spans can be made, and are dropped.
         from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
         from opentelemetry.sdk.resources import Resource
         from opentelemetry.sdk.trace import TracerProvider
@@ -94,6 +95,7 @@ def configure(process: str) -> Callable[[], None]:
         ) from error
     name = os.environ.get("OTEL_SERVICE_NAME") or f"eigenfail-{process}"
     facts = {"service.name": name, "service.version": __version__}
+    # The caller ends the provider in order with the other parts, not whenever Python exits.
     provider = TracerProvider(resource=Resource.create(facts), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
     trace.set_tracer_provider(provider)
@@ -101,6 +103,6 @@ def configure(process: str) -> Callable[[], None]:
 
 
 def span(name: str, **facts: AttributeValue) -> AbstractContextManager[Span]:
-    """What the block does, with `eigenfail.` before the name of each fact."""
+    """Trace a block as a span, with `eigenfail.` before the name of each fact."""
     attributes = {f"eigenfail.{key}": value for key, value in facts.items()}
     return TRACER.start_as_current_span(name, attributes=attributes)

@@ -27,6 +27,7 @@ def read_campaigns(text: str) -> int:
         ArgumentTypeError: it is no whole number above 0, or their learners have no room here.
     """
     most = bounds.count_fitting_learners(bounds.memory_mib())
+    # Nine digits are enough to be too many, and Python refuses to convert thousands of them.
     if not (text.isdecimal() and text.isascii() and int(text[:9])):
         raise argparse.ArgumentTypeError(f"'{text[:20]}' is not an integer above 0")
     if int(text[:9]) > most:

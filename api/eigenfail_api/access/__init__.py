@@ -1,1 +1,1 @@
-"""Who may ask for what, and the record of who did."""
+"""Access: authentication, scopes, and the record of changes."""

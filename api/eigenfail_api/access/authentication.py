@@ -102,7 +102,7 @@ def required_scope(method: str, path: str, rules: Iterable[Rule] = RULES) -> Sco
 
 
 def is_change(method: str, path: str, rules: Iterable[Rule] = RULES) -> bool:
-    """Whether a request changes something, so that it belongs in the audit log."""
+    """Return whether a request changes something, so that it belongs in the audit log."""
     return method not in SAFE and required_scope(method, path, rules) in {
         Scope.RUNNER,
         Scope.ADMIN,
@@ -128,7 +128,7 @@ class Caller:
 
     @property
     def description(self) -> str:
-        """The caller in a sentence about the scope: a key, or a user without one."""
+        """Return the caller in a sentence about the scope: a key, or a user without one."""
         return f"the {'user' if self.key is None else 'key of'} '{self.name}'"
 
 
@@ -261,7 +261,7 @@ class Authenticator:
         self._anonymous = Caller("loopback" if settings.is_private else "network", Scope.ADMIN)
 
     def requires_keys(self) -> bool:
-        """Whether a key is required."""
+        """Return whether a key is required."""
         if not (self._requires_keys or self._has_checked()):
             keys_made = self._keys_made
             # The lock is not held meanwhile: no caller waits for a query of another one.

@@ -30,7 +30,7 @@ RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
 """Fields of a body that the audit log has; of other bodies it has none."""
 
 RECORDED_IN_FORMS = ("state", "ticket")
-"""The same for the form of triage on a page."""
+"""Fields of the form of triage on a page that the audit log has."""
 
 LONGEST_VALUE, LONGEST_DETAILS = 120, 600
 """Most characters of a value, and of all of them together."""

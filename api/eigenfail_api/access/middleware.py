@@ -134,6 +134,7 @@ class AuthMiddleware:
         required = authentication.required_scope(request.method, request.scope["path"], self._rules)
         if required is None:
             return self._app, None
+        # While no key is required, no thread is needed and no request waits for the database.
         caller = self._authenticator.identify_anonymous(request)
         if caller is None:
             caller = await run_sync(self._authenticator.identify, request)
@@ -148,12 +149,13 @@ class AuthMiddleware:
 
 
 def _refuse_keys_in_address(scope: Asked) -> None:
-    """Proxies and browsers write addresses down: a key in one is no longer secret.
+    """Refuse a key in an address: proxies and browsers store addresses.
 
     Raises:
         InvalidValue: there is one.
     """
     query = scope.get("query_string", b"").decode("latin-1")
+    # The server has decoded the path, and not the query.
     if SECRET.search(scope["path"]) or SECRET.search(unquote_plus(query)):
         raise InvalidValue(
             "address",
@@ -179,7 +181,7 @@ def _refuse(request: Request, error: EigenfailError | HTTPException) -> Response
 
 
 def _is_visit(request: Request) -> bool:
-    """Whether a browser opens a page, and does not fetch a piece of one."""
+    """Return whether a browser opens a page, and does not fetch a piece of one."""
     return request.method == "GET" and wants_page(request) and "hx-request" not in request.headers
 
 
@@ -206,6 +208,8 @@ async def _record_change(
     async def append_and_send(message: Message) -> None:
         if message["type"] == "http.response.start":
             location = Headers(raw=message["headers"]).get("location", "")
+            # The line is written before the answer leaves: what a client knows to be done is in the
+            # log.
             await append(location or request.scope["path"], message["status"])
         await send(message)
 
@@ -274,6 +278,8 @@ class RedactingFilter(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         """Redact a record; none is dropped."""
         record.msg, record.args = redact(record.getMessage()), ()
+        # A formatter prints `exc_text` if it is set, and formats the error itself otherwise, with
+        # the key in it.
         if record.exc_info and not record.exc_text:
             record.exc_text = "".join(traceback.format_exception(*record.exc_info)).rstrip()
         if record.exc_text:

@@ -22,7 +22,7 @@ PEER = "eigenfail.peer"
 """Address of the peer in the scope of a request."""
 
 ANY_GROUP = "*"
-"""In the setting: the scope of every user whom the proxy lets pass."""
+"""Name in the setting that stands for every user whom the proxy lets pass."""
 
 LONGEST_NAME = 100
 NAME = re.compile(rf"[^\s,;\"<>]([^,;\"<>\t\r\n]{{0,{LONGEST_NAME - 2}}}[^\s,;\"<>])?")
@@ -102,6 +102,7 @@ class ProxySignIn:
                 f"No group of the user '{name}' has a scope here.",
                 "The operator names groups with their scopes in EIGENFAIL_SIGN_IN_SCOPES.",
             )
+        # Scopes are declared in rising order.
         return max(scopes, key=[*Scope].index)
 
     def _read_header(self, request: HTTPConnection, name: str) -> str | None:
@@ -114,8 +115,11 @@ class ProxySignIn:
         if not values:
             return None
         try:
+            # The server decodes headers as Latin-1, and proxies send names in UTF-8.
             text = values[0].encode("latin-1").decode()
         except UnicodeError:
+            # Empty and not None: a header that names nobody must be refused, and not be taken for
+            # missing.
             return ""
         return text.strip() if text.isprintable() else ""
 
@@ -123,6 +127,7 @@ class ProxySignIn:
 def is_within(address: str, networks: Networks) -> bool:
     """Return whether an address is in one of the networks; one of IPv4 in IPv6 is that of IPv4."""
     try:
+        # A link-local address of IPv6 may end with % and the name of an interface.
         parsed = ip_address(address.partition("%")[0])
     except ValueError:
         return False

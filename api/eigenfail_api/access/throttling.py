@@ -71,6 +71,7 @@ class RateLimiter:
     def _fill(self, caller: int | str, at_ms: int) -> _Bucket:
         capacity = max(1.0, BURST_S * self._per_s)
         bucket = self._buckets.setdefault(caller, _Bucket(capacity, at_ms))
+        # A wall clock that was set back must not empty the bucket.
         passed_s = max(0, at_ms - bucket.filled_ms) / 1_000.0
         bucket.tokens = min(capacity, bucket.tokens + passed_s * self._per_s)
         bucket.filled_ms = at_ms
@@ -99,6 +100,7 @@ class _FailureTable:
     def count(self, network: str, key: str | None, at_ms: int) -> int:
         """Count a failure; return how many there were within the minute."""
         failures = self._failures.get((network, key))
+        # A failure in the future was counted before the clock was set back.
         if failures is None or not 0 <= at_ms - failures.since_ms < WITHIN_MS:
             self._failures.pop((network, key), None)
             while len(self._failures) >= MOST_NETWORKS:

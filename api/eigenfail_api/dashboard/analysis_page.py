@@ -183,7 +183,7 @@ def find_given_names(result: values.AnalysisResult, modes: Sequence[values.Mode]
 
 
 def is_replaying(proof: values.Proof | None) -> bool:
-    """Whether the proof has replays that have not ended."""
+    """Return whether the proof has replays that have not ended."""
     return proof is not None and bool(proof.scenarios) and not proof.done
 
 
@@ -236,7 +236,7 @@ def make_proof_tiles(proven: values.ProvenMode, unit: str) -> Tiles:
 
 
 WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards −y")}
-"""Of positive and of negative noise of a position."""
+"""Words for positive and for negative noise of a position."""
 
 
 def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
@@ -314,7 +314,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/analyses/{analysis}")
 def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
-    """One analysis."""
+    """Show an analysis."""
     seen = store.analyses.get(analysis)
     proven = summarise_proof(store, seen) if seen.result else None
     # Only an analysis with a result is known to name campaigns that exist.

@@ -118,7 +118,7 @@ WISHES = {"pause": campaigns.PAUSE, "resume": campaigns.RESUME, "cancel": campai
 
 
 class NextStep(msgspec.Struct, frozen=True):
-    """What users do next with the results of a campaign.
+    """A step that users take next with the results of a campaign.
 
     Attributes:
         verb: label of its button or link.
@@ -136,7 +136,7 @@ class NextStep(msgspec.Struct, frozen=True):
 
     @property
     def is_action(self) -> bool:
-        """Whether it makes something new."""
+        """Return whether the step creates something new."""
         return bool(self.leads_to)
 
 
@@ -186,7 +186,7 @@ QUESTIONS = {
     "archive": "Archive this campaign? Nothing is deleted: lists omit the campaign until it is "
     "restored. Restore on this page brings it back.",
 }
-"""What the page of a campaign asks before an action."""
+"""Questions that the page of a campaign asks before an action."""
 
 
 def list_actions(campaign: Campaign) -> tuple[str, ...]:

@@ -38,12 +38,12 @@ class ChartTable(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def rows(self) -> tuple[tuple[str, ...], ...]:
-        """The cells as text."""
+        """Return the cells as text."""
         return tuple(tuple(map(format_line, row)) for row in self.cells)
 
 
 class Chart(ChartTable, frozen=True, kw_only=True):
-    """A chart for the browser, and the text that stands for it where scripts are off.
+    """A chart for the browser, and its text for browsers without scripts.
 
     Attributes:
         id: id of its element on the page.
@@ -66,13 +66,13 @@ class Chart(ChartTable, frozen=True, kw_only=True):
 
     @property
     def channels(self) -> int:
-        """Number of the channels that the browser can draw, the most influential ones first."""
+        """Return the number of channels that can be drawn, the most influential ones first."""
         channels = self.data.get("channels")
         return len(channels) if isinstance(channels, dict) else 0
 
     @property
     def channels_at_first(self) -> int:
-        """Number of the channels that are drawn until a user wants all of them."""
+        """Return the number of channels that are drawn until a user wants all of them."""
         return min(self.channels, MOST_CHANNELS)
 
 
@@ -115,7 +115,7 @@ class ChannelPlot(NamedTuple):
 
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
-    """Floats with as many digits as a screen can show."""
+    """Return floats with as many digits as a screen can show; None stays None."""
     # JSON has no NaN: where a value is missing the line of a chart has a gap.
     return [None if value is None else float(f"{value:.{DIGITS}g}") for value in values]
 
@@ -311,7 +311,7 @@ def read_number(row: EpisodeRow, column: str) -> float | None:
 
 
 def describe_coverage(count: int, *, is_all: bool) -> str:
-    """Whether all episodes of the filter are drawn."""
+    """Return a sentence on whether all episodes of the filter are drawn."""
     if is_all:
         return ONE if count == 1 else f"All {figures.format_count(count)} episodes that match."
     return f"A sample of {figures.format_count(count)} of the episodes that match."

@@ -40,7 +40,7 @@ def describe_spec(spec: values.CampaignSpec) -> str:
 
 
 def name_column(campaign: values.Campaign) -> str:
-    """As a column is headed."""
+    """Return the head of a campaign's column."""
     return f"{campaign.id}: {campaign.spec.name}"
 
 
@@ -52,7 +52,7 @@ def make_address(campaigns: CampaignIds, only: bool, wanted: str) -> str:
 
 
 def group_name(group: comparability.Group) -> str:
-    """Its campaigns."""
+    """Return the name of a group: the heads of its campaigns."""
     return "; ".join(map(name_column, group))
 
 

@@ -16,7 +16,7 @@ Values = Mapping[str, Any]
 
 
 class Service(msgspec.Struct, frozen=True):
-    """Where a request goes, and whether a key has to come with it."""
+    """The address of the service, and whether its requests need a key."""
 
     address: str
     asks_for_key: bool = False
@@ -36,8 +36,10 @@ def format_curl(service: Service, path: str, body: Values | None = None) -> str:
         path: below /api/v1, with ids and query.
         body: body of a POST request, as plain data; None for a GET request.
     """
+    # A filter contains spaces and characters that have a meaning in a shell.
     parts = [f"curl {shlex.quote(f'{service.address}{PREFIX}{path}')}"]
     if service.asks_for_key:
+        # In double quotes the shell replaces the variable: the key itself is on no page.
         parts.append('-H "Authorization: Bearer $EIGENFAIL_KEY"')
     if body is not None:
         data = msgspec.json.encode(body).decode()

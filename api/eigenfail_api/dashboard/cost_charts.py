@@ -16,7 +16,7 @@ COLUMNS = ("USD per failure", "95 % interval")
 
 
 def mark(price: Cost, **whose: object) -> dict[str, object]:
-    """Where it is drawn [USD], with whose it is."""
+    """Return the mark of a cost in a chart [USD], with the names of its owner."""
     bounds = price.interval_usd
     # Logarithmic axes have no zero: what is not known stays null.
     value, low, high, at_least = round_values(
@@ -197,7 +197,7 @@ def describe_settings(part: str, settings: Settings) -> str:
 
 
 def rate_of(rate: Rate | None) -> str:
-    """The pooled failure rate."""
+    """Return the pooled failure rate as text."""
     if rate is None:
         return figures.UNKNOWN
     if rate.interval is None:

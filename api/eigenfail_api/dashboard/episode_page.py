@@ -201,7 +201,7 @@ def explain_missing_scene(campaign: values.Campaign, result: values.EpisodeResul
 
 
 def list_drawn_parameters(campaign: values.Campaign, result: values.EpisodeResult) -> Facts:
-    """The scenario parameters that the episode drew from its own seed, or that its noise chose."""
+    """Return the scenario parameters that the seed of an episode drew, or its noise chose."""
     spec = campaign.spec
     drawn = drawn_for(spec, result.seed) | placed_for(spec, result.noise)
     return tuple((name, str(value)) for name, value in drawn.items())
@@ -238,7 +238,7 @@ def show_episode(
     listed: Listed,
     t: Moment = None,  # noqa: ARG001  # the player reads it from the address
 ) -> HTMLResponse:
-    """One episode, and its neighbours in the list that it was reached from."""
+    """Show an episode, with its neighbours in the list that led to it."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
@@ -258,7 +258,7 @@ def show_episode(
 
 @router.get("/campaigns/{campaign}/episodes/{index}/account")
 async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLResponse:
-    """What the planner says of an episode: its page asks for it once it stands."""
+    """Show the planner's account of an episode, which the episode's page loads later."""
     seen = await run_sync(store.campaigns.get, campaign)
     try:
         explanation = await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index)
@@ -276,7 +276,7 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
 
 @router.get("/campaigns/{campaign}/episodes/{index}/clip")
 def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLResponse:
-    """A small player of an episode: other pages ask for it when it is opened."""
+    """Show a small player of an episode, which other pages load when a user opens it."""
     seen, result = store.campaigns.get(campaign), store.episodes.get(campaign, index)
     mission, name = find_mission(seen.spec, result), f"clip-{campaign}-{index}-scene"
     scene = result.scene and make_scene_chart(result.scene, mission, result.outcome, name)

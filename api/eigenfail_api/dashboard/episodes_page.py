@@ -44,7 +44,7 @@ FIGURES = (
 
 
 class EpisodeRequest(msgspec.Struct, frozen=True):
-    """A list of episodes, as the address of its page has it."""
+    """A list of episodes, as in the address of its page."""
 
     filter: str
     sort: filters.SortOrder
@@ -128,7 +128,7 @@ def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
 
 
 def may_grow(campaign: values.Campaign) -> bool:
-    """Whether results may still arrive."""
+    """Return whether results may still arrive."""
     # A campaign may be open without an episode to come: its last results are on their way.
     return campaign.ended_ms is None and campaign.counts.open > 0
 
@@ -215,17 +215,17 @@ def make_headings(
 
 
 def turn_order(first: filters.SortOrder, now: filters.SortOrder | None) -> filters.SortOrder:
-    """The order to offer: the more interesting end first, or the other one if it is first now."""
+    """Return the order to offer: the more interesting end first, or the reverse of it."""
     return filters.SortOrder(first.column, not first.descending) if first == now else first
 
 
 def order(sort: filters.SortOrder) -> str:
-    """In the words of aria-sort."""
+    """Return an order in the words of aria-sort."""
     return "descending" if sort.descending else "ascending"
 
 
 class AnalysisChoices(msgspec.Struct, frozen=True):
-    """What the analyses of a campaign may be asked for.
+    """The choices for analyses of a campaign.
 
     Attributes:
         label: the label of the choice of channels.
@@ -250,7 +250,7 @@ def list_analysis_choices(spec: values.CampaignSpec) -> AnalysisChoices:
 
 
 def describe_settings(settings: values.AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
-    """How failures are analysed, in words."""
+    """Yield how failures are analysed, in words."""
     words = choose_channel_words(channels)
     together = f"{words.together} {words.several}"
     yield f"aligned at {settings.align}"
@@ -372,7 +372,7 @@ def show_episodes(
     campaign: CampaignId,
     asked: Annotated[EpisodeRequest, Depends(parse_request)],
 ) -> HTMLResponse:
-    """Episodes that fulfil a filter, sorted, and all of their measures at once."""
+    """Show the episodes that match a filter, in an order, with charts of their measures."""
     seen, after = store.campaigns.get(campaign), asked.after
     try:
         where = filters.parse_filter(asked.filter)
@@ -391,7 +391,7 @@ def show_episodes(
 def show_failures(
     store: Stored, campaign: CampaignId, sort: str = str(filters.BY_INDEX), after: After = None
 ) -> HTMLResponse:
-    """Rows of the list of failures: a piece of a page."""
+    """Show rows of the list of failures, as a piece of a page."""
     seen, order = store.campaigns.get(campaign), filters.parse_sort(sort)
     view = make_episode_list(seen, read_failures(store, seen, order, after), order, after)
     return page("failures.html", view)

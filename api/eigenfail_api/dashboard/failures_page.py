@@ -27,7 +27,7 @@ Words = Annotated[str, Query(max_length=200)]
 
 
 class FailureQuery(NamedTuple):
-    """What an address of the page asks for; an empty text asks for nothing.
+    """The query in an address of the page; an empty text is no condition.
 
     Attributes:
         query: the parameters that are not empty, as in the address, without the place.
@@ -41,7 +41,7 @@ class FailureQuery(NamedTuple):
 
 
 class FailureForm(NamedTuple):
-    """Fields of the form about campaigns; an empty one asks for nothing."""
+    """Fields of the form about campaigns; an empty one is no condition."""
 
     project: str
     planner: str
@@ -62,6 +62,7 @@ def parse_request(
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
     """Return what an address asks for."""
+    # Parsed only to refuse a wrong order before anything is read.
     parse_failure_sort(sort)
     of_campaign = campaigns._asdict()
     given = {
@@ -80,7 +81,7 @@ def show_failures(
     asked: Annotated[FailureQuery, Depends(parse_request)],
     after: After = None,
 ) -> HTMLResponse:
-    """The collisions of all campaigns by severity."""
+    """Show the collisions of all campaigns by severity."""
     descending = parse_failure_sort(asked.sort)
     found, is_gone = _read_page(store, asked, after, most_severe_first=descending)
     after = None if is_gone else after

@@ -15,7 +15,7 @@ FILE = Path(__file__).with_name("glossary.toml")
 
 
 MORE = re.compile(r", .*| \[.*| (?:below|above) .*| \d.*")
-"""What follows a label: an interval, a unit, a threshold, a level."""
+"""The text behind a label: an interval, a unit, a threshold, a level."""
 
 
 class Term(msgspec.Struct, frozen=True, kw_only=True):

@@ -61,7 +61,7 @@ def show_keys(
     authenticator: TheAuthenticator,
     before: Before = None,
 ) -> HTMLResponse:
-    """Keys, the form for a new one, and a button that revokes each."""
+    """Show the keys, the form for a new one, and a button that revokes each."""
     listed = store.keys.page(KEYS_ON_A_PAGE, before)
     usage = store.keys.usage([key.id for key in listed.items])
     quotas = {key.id: tuple(list_quotas(key.quotas, usage[key.id])) for key in listed.items}
@@ -79,7 +79,7 @@ def show_keys(
 
 @router.get("/audit")
 def show_changes(store: Stored, before: Before = None) -> HTMLResponse:
-    """The audit log."""
+    """Show the audit log."""
     listed = store.audit.page(CHANGES_ON_A_PAGE, before)
     return page("audit.html", listed, pages=make_pager("/audit", before, listed.next))
 
@@ -111,14 +111,14 @@ TEMPLATES.globals |= {
 
 @router.get(LOGIN)
 def show_login(authenticator: TheAuthenticator, wanted: Wanted = HOME) -> HTMLResponse:
-    """The form for a key."""
+    """Show the form that takes a key."""
     address, needs_key = keep_own_address(wanted), authenticator.requires_keys()
     return page("login.html", address, needs_key=needs_key, problem="")
 
 
 @router.post(LOGIN)
 async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticator) -> Response:
-    """A cookie for a key; the key itself is kept nowhere."""
+    """Set a cookie in exchange for a key; the key itself is kept nowhere."""
     fields = await read_form(request, MOST_FIELDS)
     wanted, token = keep_own_address(fields.get("next", HOME)), fields.get("key", "").strip()
     try:
@@ -133,7 +133,7 @@ async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticat
 
 
 def set_cookie(request: Request, response: Response, word: str) -> None:
-    """No script can read it, and no other site can have it sent."""
+    """Set the cookie of a session, which no script can read and no other site can send."""
     # A secure cookie would not come back over plain HTTP on this machine.
     secure = request.url.scheme == "https"
     response.set_cookie(
@@ -148,7 +148,7 @@ def set_cookie(request: Request, response: Response, word: str) -> None:
 
 @router.post("/logout")
 async def sign_out(request: Request, authenticator: TheAuthenticator) -> Response:
-    """The cookie stands for nothing any more."""
+    """End the session of the cookie, and delete the cookie."""
     authenticator.sessions.close(request.cookies.get(authentication.SESSION_COOKIE, ""))
     response = RedirectResponse(LOGIN, 303)
     response.delete_cookie(authentication.SESSION_COOKIE, httponly=True, samesite="strict")

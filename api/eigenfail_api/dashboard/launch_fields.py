@@ -17,7 +17,7 @@ NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 
 
 def read_number(text: str) -> int | float | str:
-    """A number as it was typed; the text itself where it is none, for the check to refuse."""
+    """Return a typed number; return the text if it is not a number, for the check to refuse."""
     # Python would also read 1_000 and other digits than 0 to 9, which JSON does not have.
     if WHOLE.fullmatch(text):
         return int(text)
@@ -25,22 +25,22 @@ def read_number(text: str) -> int | float | str:
 
 
 def read_optional(text: str) -> int | float | str | None:
-    """A number, or that there is none."""
+    """Return a typed number, or None for the word `none`."""
     return None if text == NONE else read_number(text)
 
 
 def read_list(text: str) -> list[int | float | str]:
-    """Comma-separated numbers or words."""
+    """Return comma-separated numbers or words as a list."""
     return [read_number(part.strip()) for part in text.split(",") if part.strip()]
 
 
 def read_words(text: str) -> list[str]:
-    """Comma-separated words, also where they are digits alone."""
+    """Return comma-separated words as a list; digits stay text."""
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def read_table(text: str) -> Any:
-    """JSON; the text itself where it is none."""
+    """Return the value of a JSON text; return the text if it is not JSON."""
     try:
         return msgspec.json.decode(text)
     # The check of the spec says what is wrong, with the name of the field.
@@ -49,17 +49,17 @@ def read_table(text: str) -> Any:
 
 
 def read_switch(text: str) -> bool | str:
-    """Yes or no."""
+    """Return True or False; return any other text as it is."""
     return {"true": True, "false": False}.get(text, text)
 
 
 def read_word(text: str) -> str:
-    """The text itself."""
+    """Return the text itself."""
     return text
 
 
 def format_field(value: Any) -> str:
-    """A value as it stands in a field."""
+    """Return a value as the text of a field."""
     if value is None:
         return NONE
     if isinstance(value, str):
@@ -128,12 +128,12 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def id(self) -> str:
-        """Of its element."""
+        """Return the id of the field's element."""
         return f"field-{self.name.replace('.', '-')}"
 
     @property
     def hint(self) -> str:
-        """What it means, what it takes, and what it is if nothing is typed."""
+        """Return the help, the accepted values and the default of the field."""
         is_told = self.default not in ("", NONE) and self.kind != "choice"
         default = f"default {self.default}" if is_told else ""
         parts = (part.rstrip(".") for part in (self.help, self.bounds, default) if part)
@@ -155,14 +155,14 @@ class LaunchGroup(msgspec.Struct, frozen=True, kw_only=True):
     groups: tuple["LaunchGroup", ...] = ()
 
     def all_fields(self) -> Iterator[LaunchField]:
-        """Its own, and those of the groups in it."""
+        """Yield the fields of the group and of the groups in it."""
         yield from self.fields
         for group in self.groups:
             yield from group.all_fields()
 
 
 def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> LaunchGroup:
-    """The fields of an object that a schema describes.
+    """Return the form fields of an object that a schema describes.
 
     Args:
         schema: JSON schema of the setting, with its `$defs`.
@@ -237,7 +237,7 @@ def read_default(part: Schema) -> str:
 
 
 def resolve_schema(part: Schema, schema: Schema) -> Schema:
-    """What a reference stands for."""
+    """Return the schema that a reference names."""
     reference = part.get("$ref")
     if reference is None:
         return part
@@ -278,7 +278,7 @@ def describe_bounds(part: Schema, kind: str, schema: Schema) -> str:
 def describe_bound(
     part: Schema, closed: str, inclusive: str, opened: str, exclusive: str
 ) -> list[str]:
-    """A bound in words."""
+    """Return a bound in words, as a list of one or none."""
     # Bounds of 64 bits are no advice to a person.
     if abs(part.get(inclusive, 0)) > WORTH_TELLING:
         return []
@@ -331,7 +331,7 @@ READERS: Mapping[str, Callable[[str], Any]] = {
 
 
 class LaunchEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """What stands in a field.
+    """The content of a field.
 
     Attributes:
         text: as it was typed.
@@ -385,7 +385,7 @@ class Texts(msgspec.Struct, frozen=True):
 
 
 def as_entry(value: Any) -> LaunchEntry:
-    """A value of an earlier campaign as it stands in a field."""
+    """Return a value of an earlier campaign as the content of a field."""
     match value:
         case {"uniform": [low, high]}:
             return LaunchEntry(how=UNIFORM, low=format_field(low), high=format_field(high))

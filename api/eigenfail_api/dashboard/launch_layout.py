@@ -175,7 +175,7 @@ SETTINGS = {"method": "settings", "planner": "planner_settings"}
 
 
 def choose_plugin(texts: launch_fields.Texts, name: str, default: str) -> str:
-    """The plug-in that is chosen; a file may hold anything in its place."""
+    """Return the chosen plug-in; a file may hold anything in its place."""
     given = texts.base.get(name, "")
     return texts.typed.get(name, "") or (given if isinstance(given, str) else "") or default
 
@@ -202,7 +202,7 @@ def make_own_fields(*names: str) -> tuple[launch_fields.LaunchField, ...]:
 
 
 def group(kind: str, name: str, title: str) -> launch_fields.LaunchGroup:
-    """The fields of a struct inside the spec."""
+    """Return the form fields of a struct inside the spec."""
     return launch_fields.group_of({"$ref": f"#/$defs/{kind}", "$defs": SPEC["$defs"]}, name, title)
 
 

@@ -29,7 +29,7 @@ SWAPS = frozenset({"method", "scenario", "planner", "simulator", "disturbance.sh
 
 
 class LaunchTrouble(msgspec.Struct, frozen=True):
-    """A problem in words, and the field that it is of; None where it is of no field."""
+    """A problem in words, with its field; None if it belongs to no field."""
 
     words: str
     field: launch_fields.LaunchField | None = None
@@ -149,7 +149,7 @@ def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> dict[str, object
 
 
 def is_told(one: LaunchPage) -> bool:
-    """Whether a field holds more than its default."""
+    """Return whether a field holds more than its default."""
     return bool(launch_fields.format_entry(one.entry) or one.problem or one.before)
 
 
@@ -216,7 +216,7 @@ KNOWN = frozenset({FROM, WISH, TOKEN, TOML, *CampaignSpec.__struct_fields__})
 
 @router.get("/launch")
 def show_launch(request: Request, store: Stored) -> HTMLResponse:
-    """The form: empty, or as its address says; `from` begins with an earlier campaign."""
+    """Show the launch form: empty, filled by its address, or `from` an earlier campaign."""
     return page(
         "launch.html", launch_view(store, dict(request.query_params), read_service(request))
     )
@@ -290,7 +290,7 @@ def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
 
 
 def refuse_strangers(typed: Mapping[str, str]) -> None:
-    """Raises UnknownName for what belongs to no field of the form."""
+    """Raise UnknownName for a value that belongs to no field of the form."""
     for name in typed:
         if name.partition(".")[0] not in KNOWN:
             raise UnknownName("query", name[:100], KNOWN)

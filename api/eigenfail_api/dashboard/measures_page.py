@@ -180,7 +180,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/campaigns/{campaign}/measures", dependencies=[COSTS])
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """Safety, cost and workers of a campaign: its page asks for them once it stands."""
+    """Show safety, cost and workers of a campaign, which the campaign's page loads later."""
     seen = store.campaigns.get(campaign)
     # Safety, cost and workers must be of one state of the campaign.
     with store.figures.as_of(seen):

@@ -155,7 +155,7 @@ OVERLAYS = Depends(ConcurrencyLimit("overlays"), scope="function")
 
 @router.get("/analyses/{analysis}/modes/{mode}/overlay", dependencies=[OVERLAYS])
 def show_overlay(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> HTMLResponse:
-    """The failures of a mode over each other: its page asks for it when it is opened."""
+    """Show the failures of a mode over each other, which the page loads when a user opens it."""
     found, seen = store.analyses.mode(analysis, mode), store.analyses.get(analysis)
     noun, recordings, problem = read_result(seen).cluster_noun, None, ""
     try:

@@ -90,6 +90,8 @@ def list_mode_tiles(
     found = figures.count_noun(mode.failures, "failure")
     basis = f"{figures.format_usd(total_usd)} USD of its campaigns ÷ {found}"
     skipped = sum(each.counts.failures for each in campaigns) - analysed
+    # The cost of all failures is divided by the analysed ones: with the others, the mode could only
+    # have more failures.
     more = (
         (f"{figures.count_noun(skipped, 'failure')} not analysed: an upper bound",)
         if skipped
@@ -137,7 +139,7 @@ Sort = Annotated[str | None, Query(max_length=64)]
 def show_mode(
     store: Stored, analysis: AnalysisId, mode: ModeNumber, sort: Sort = None
 ) -> HTMLResponse:
-    """One failure mode."""
+    """Show a failure mode."""
     seen = store.analyses.get(analysis)
     found = store.analyses.mode(analysis, mode)
     usual = episodes_page.find_worst_order(store.campaigns.get(seen.campaign).spec)
@@ -148,7 +150,9 @@ def show_mode(
 
 
 MOST_FIELDS = 100
+# After a POST the browser opens the page with GET, so that reloading it sends nothing again.
 SEE_OTHER = 303
+# `int` would also accept underscores and digits of other scripts.
 VERSION = re.compile(r"\d{1,15}", re.ASCII)
 
 
@@ -199,6 +203,8 @@ def triage_mode(
     """Change the triage of a failure mode."""
     shown_ms = read_version(form)
 
+    # Two users may have the page open: the later form must not overwrite a change that its user has
+    # not seen.
     def refuse_newer(found: Triage) -> None:
         if found.changed_ms != shown_ms:
             by = f", by {found.changed_by}" if found.changed_by else ""

@@ -109,7 +109,7 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def name(self) -> str:
-        """As a legend names it."""
+        """Return the name of the campaign in a legend."""
         return f"{self.campaign.id}: {self.campaign.spec.name}"
 
 

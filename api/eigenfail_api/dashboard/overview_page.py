@@ -57,7 +57,7 @@ FILTERS = ("state", "method", "search", *LABELS)
 
 
 class Wanted(msgspec.Struct, frozen=True):
-    """Which campaigns are asked for; None where any will do, replays aside.
+    """The filter and order of the list; None is no condition, but replays are left out.
 
     Attributes:
         method: None leaves out replays, which find nothing new.
@@ -78,12 +78,12 @@ class Wanted(msgspec.Struct, frozen=True):
     suite: str | None = None
 
     def address(self, **changes: object) -> str:
-        """The address of this page, or of one like it."""
+        """Return the address of this page, or of one with changes."""
         query = self.query(**changes)
         return f"/?{urlencode(query)}" if query else "/"
 
     def query(self, **changes: object) -> dict[str, str]:
-        """The parameters of that address."""
+        """Return the query parameters of the address of this page, or of one with changes."""
         given = msgspec.structs.asdict(self) | changes
         query = {name: str(value) for name, value in given.items() if value is not None}
         if given["sort"] == NEWEST_FIRST:
@@ -96,18 +96,18 @@ class Wanted(msgspec.Struct, frozen=True):
 
     @property
     def unfiltered(self) -> str:
-        """The address of all campaigns, in the same order."""
+        """Return the address of all campaigns, in the same order."""
         return self.address(**dict.fromkeys(FILTERS), before=None)
 
     @property
     def labels(self) -> tuple[tuple[str, str, str], ...]:
-        """Parameter, words and value of each filter that the form does not have."""
+        """Return parameter, words and value of each filter that the form does not have."""
         named = ((name, words, getattr(self, name)) for name, words in LABELS.items())
         return tuple(each for each in named if each[2] is not None)
 
     @property
     def where(self) -> CampaignFilter:
-        """The same in the words of the store."""
+        """Return the wanted campaigns as a filter of the store."""
         # Who asks for replays by name gets them.
         besides = None if self.method else cost_charts.REPLAY
         only = None if self.archived else False
@@ -118,7 +118,7 @@ class Wanted(msgspec.Struct, frozen=True):
 
     @property
     def is_filtered(self) -> bool:
-        """Whether not all campaigns are wanted."""
+        """Return whether a filter is set."""
         return any(getattr(self, name) is not None for name in FILTERS)
 
 
@@ -196,7 +196,7 @@ Sort = Annotated[str, Query(max_length=64)]
 
 
 class FormFilters(NamedTuple):
-    """The filters of the form; None where a field is empty."""
+    """The filters of the form; None if a field is empty."""
 
     state: CampaignState | None
     method: str | None
@@ -205,7 +205,7 @@ class FormFilters(NamedTuple):
 
 
 class LabelFilters(NamedTuple):
-    """The filters that only addresses have; None where one is empty."""
+    """The filters that only addresses have; None if one is empty."""
 
     project: str | None
     tag: str | None
@@ -235,7 +235,7 @@ def show_overview(
     before: Before = None,
     sort: Sort = str(NEWEST_FIRST),
 ) -> HTMLResponse:
-    """Campaigns in an order, by default newest first."""
+    """Show campaigns in an order, by default newest first."""
     given = {**named._asdict(), **labels._asdict()}
     wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **given)
     # The feed goes on behind this event: it is read first, so that no event falls between.
@@ -272,5 +272,6 @@ def show_overview(
         "latest": latest,
         "archive": describe_archive(wanted) if has_archive else None,
     }
+    # The template calls this only if no worker is connected: it reads the newest events.
     staffing = partial(make_staffing, store, len(here), stranded)
     return page("overview.html", view, staffing=staffing)

@@ -15,14 +15,14 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/campaigns/{campaign}/region")
 def show_region(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """The page on which the failing region of a campaign appears."""
+    """Show the page on which the failing region of a campaign appears."""
     # The region takes seconds to find: the page stands first, and then asks for the boxes.
     return page("region.html", store.campaigns.get(campaign), found=())
 
 
 @router.get("/campaigns/{campaign}/region/boxes")
 async def show_boxes(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """The failing region of a campaign: its page asks for it once it stands."""
+    """Show the failing region of a campaign, which its page loads later."""
     found = await REGIONS.do(find_region_in_process, store, (campaign,))
     seen = await run_sync(store.campaigns.get, campaign)
     return page("region.html", seen, found=describe_region(found))

@@ -43,7 +43,7 @@ IMPORTED = re.compile(r'(?:from|import) "\./(\w+\.js)"')
 
 
 class Assets(StaticFiles):
-    """Files that browsers ask after every time: new pages must not meet scripts of an old release.
+    """Assets that browsers revalidate on each request: new pages must not load old scripts.
 
     An unchanged file is answered by its ETag alone.
     """
@@ -55,7 +55,7 @@ class Assets(StaticFiles):
         scope: Scope,
         status_code: int = 200,
     ) -> Response:
-        """The file, or that it has not changed."""
+        """Return the file, or the answer that it has not changed."""
         response = super().file_response(full_path, stat_result, scope, status_code)
         response.headers["Cache-Control"] = "no-cache"
         if isinstance(response, FileResponse):
@@ -77,7 +77,7 @@ def write_time(at_ms: int | None) -> str:
 
 
 def to_json(value: object) -> str:
-    """JSON for a data attribute."""
+    """Return a value as JSON for a data attribute."""
     return http.encode(value).decode()
 
 
@@ -176,7 +176,7 @@ def add_templates(package: str) -> None:
 
 
 def page(template: str, view: object, status: int = 200, **more: Any) -> HTMLResponse:
-    """A page, or a piece of one; never kept by the browser, since all of it may change."""
+    """Return a page, or a piece of one, which browsers do not keep since all of it may change."""
     html = TEMPLATES.get_template(template).render(view=view, **more)
     return HTMLResponse(html, status, {"Cache-Control": "no-store"})
 
@@ -199,7 +199,7 @@ def wrap_for_browsers(handlers: Handlers) -> dict[int | type[Exception], Handler
 
 
 def show_problems(handler: Handler) -> Handler:
-    """A handler whose problem a person can read."""
+    """Return a handler that answers browsers with a page instead of JSON."""
 
     async def handle(request: Request, error: Any) -> Response:
         response = await handler(request, error)
@@ -209,13 +209,13 @@ def show_problems(handler: Handler) -> Handler:
 
 
 def wants_page(request: Request) -> bool:
-    """Whether the request accepts HTML; programs use the API or do not ask for HTML."""
+    """Return whether the request accepts HTML; programs use the API or do not ask for HTML."""
     accepts = request.headers.get("accept", "")
     return "text/html" in accepts and not request.url.path.startswith(f"{PREFIX}/")
 
 
 def as_page(response: Response) -> Response:
-    """The page that says what a problem says."""
+    """Return the page that shows a problem."""
     problem = msgspec.json.decode(response.body, type=Problem)
     shown_page = page("problem.html", problem, problem.status)
     # Security headers and Retry-After hold for the page as for the JSON.
@@ -229,7 +229,7 @@ S = values.CampaignState
 
 
 WORKING = frozenset({S.QUEUED, S.RUNNING})
-"""In which a campaign needs workers."""
+"""States in which a campaign needs workers."""
 
 
 class Badge(msgspec.Struct, frozen=True):
@@ -272,7 +272,7 @@ OUTCOME_BADGES = {
 
 
 UNRESOLVED_BADGE = Badge("unresolved", "◐", "waiting")
-"""Of an episode without a collision that ended while braking could not avoid one any more."""
+"""Badge of an episode that ended when braking could no longer avoid a collision."""
 
 
 def make_outcome_badge(outcome: values.Outcome, *, is_unresolved: bool | None) -> Badge:
@@ -395,7 +395,7 @@ TEMPLATES = make_environment()
 
 
 class Pager(NamedTuple):
-    """Where one is in a list.
+    """The addresses of a page of a list and of its neighbours.
 
     Attributes:
         address: address of this page.
@@ -418,5 +418,5 @@ def make_pager(address: str, before: int | None, following: int | None) -> Pager
 
 
 def page_of(address: str, before: int | None) -> str:
-    """A list, from a cursor on."""
+    """Return the address of a list from a cursor on."""
     return f"{address}?before={before}" if before else address

@@ -148,7 +148,7 @@ def find_first_result(store: Store, campaign: int) -> EpisodeResult | None:
 
 
 def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
-    """Whether a replay gave the result that is stored; None if it repeats none that is kept."""
+    """Return whether a replay gave the stored result; None if there is nothing to compare."""
     source = find_source(again.campaign.spec, again.result.index)
     if source is None:
         return None

@@ -30,7 +30,7 @@ from eigenfail_services.analysis.footprints import measure_clearances, measure_t
 
 
 class Jump(msgspec.Struct, frozen=True):
-    """A moment: when, as the address has it, and what it is."""
+    """A notable moment: its time as in the address, and its name."""
 
     time: str
     words: str
@@ -47,7 +47,7 @@ def list_jumps(result: EpisodeResult) -> tuple[Jump, ...]:
 
 
 def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
-    """Thresholds that were passed, and the collision."""
+    """Yield the moments at which thresholds were passed, and the collision."""
     for name, measure in MEASURES.items():
         if measure.event and (time_s := getattr(measures, name)) is not None:
             yield NotableMoment(time_s, measure.event)

@@ -70,7 +70,7 @@ class HitGroup(msgspec.Struct, frozen=True):
 
 
 class SearchView(msgspec.Struct, frozen=True):
-    """The page; without a text it has nothing but the field."""
+    """The content of the search page; without a text it has only the field."""
 
     text: str
     groups: tuple[HitGroup, ...] = ()

@@ -33,6 +33,7 @@ from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
 SEED = "seed"
+# As many ids as the comparison accepts for one side.
 MOST_COMPARED = 100
 """Maximum number of campaigns of one side in an address."""
 
@@ -79,7 +80,7 @@ class HeatMap(msgspec.Struct, frozen=True):
 
     @property
     def legend(self) -> str:
-        """The sentences on the kinds of cells that the map has."""
+        """Return the sentences on the kinds of cells that the map has."""
         cells = [cell for _, row in self.rows for cell in row if cell.failures]
         has_rates = any(cell.level is not None for cell in cells)
         has_searches = any(cell.level is None for cell in cells)
@@ -225,13 +226,13 @@ def make_comparison_address(table: SuiteTable, row: SuiteRow) -> str:
 
 
 def group(members: Iterable[SuiteRow], like: SuiteRow) -> str:
-    """The campaigns that differ from one in their seeds alone, as an address names them."""
+    """Return the ids of the campaigns that differ from one in their seeds alone."""
     found = [str(each.campaign) for each in members if differ_by_seed(each, like)]
     return ",".join(found[:MOST_COMPARED])
 
 
 def differ_by_seed(one: SuiteRow, other: SuiteRow) -> bool:
-    """Whether two members differ in their seeds alone."""
+    """Return whether two members differ in their seeds alone."""
     return drop_seed(one) == drop_seed(other)
 
 
@@ -254,7 +255,7 @@ SUITES_ON_A_PAGE = 50
 
 @router.get("/suites")
 def show_suites(store: Stored, before: Before = None) -> HTMLResponse:
-    """All suites, those with the newest campaigns first."""
+    """Show all suites, those with the newest campaigns first."""
     listed = store.campaigns.suites(SUITES_ON_A_PAGE, before)
     is_open = any(suite.states.keys() - FINAL_STATES for suite in listed.items)
     pages = make_pager("/suites", before, listed.next)
@@ -265,7 +266,7 @@ def show_suites(store: Stored, before: Before = None) -> HTMLResponse:
 
 @router.get("/suites/{suite:path}")
 def show_suite(store: Stored, suite: str) -> HTMLResponse:
-    """One suite."""
+    """Show a suite."""
     return page("suite.html", make_suite_view(make_suite_table(store, suite)))
 
 

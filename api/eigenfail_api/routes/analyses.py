@@ -46,6 +46,7 @@ def create_analysis(
     ],
 ) -> parameters.Json:
     """Queue an analysis of the failures of a campaign and of further campaigns."""
+    # The result is not used: the call refuses now what a job would find out only later.
     find_basis(store, campaign, settings)
     analysis = store.analyses.create(campaign, settings)
     return parameters.Json(analysis, 201, {"Location": f"{PREFIX}/analyses/{analysis.id}"})
@@ -59,6 +60,7 @@ def list_analyses(
     before: parameters.Before = None,
 ) -> parameters.Json:
     """List the analyses of a campaign, newest first, without their results."""
+    # An unknown campaign is a 404, and one without analyses an empty list.
     store.campaigns.get(campaign)
     return parameters.Json(store.analyses.page(limit, before, campaign))
 
@@ -93,6 +95,7 @@ def rename_mode(
     given: Annotated[ModeName, Depends(parameters.body_of(ModeName))],
 ) -> parameters.Json:
     """Give a failure mode a name."""
+    # Names are part of sentences and tables, where line breaks would tear them apart.
     name = " ".join(given.name.split())
     if not name or not name.isprintable():
         problem = "it is empty, or contains a character that cannot be printed."
@@ -121,6 +124,7 @@ def get_proof(store: parameters.Stored, analysis: parameters.AnalysisId) -> para
 figures_router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 
 
+# Comparisons and bills read the results of many campaigns, so a crowd of requests is refused.
 COMPARISONS = Depends(ConcurrencyLimit("comparisons"), scope="function")
 
 
@@ -180,6 +184,7 @@ def get_cost(store: parameters.Stored, campaign: parameters.CampaignId) -> param
     return parameters.Json(find_spending(store, store.campaigns.get(campaign)))
 
 
+# One at a time: a region is computed in a process that occupies a core for seconds.
 REGIONS = SerialExecutor("region")
 
 

@@ -30,6 +30,8 @@ from eigenfail_services.campaigns.suites import create_suite, read_suite
 from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
+# Each attempt fails only if the state has changed meanwhile, which does not happen many times in a
+# row.
 STEERING_ATTEMPTS = 3
 
 
@@ -57,9 +59,11 @@ PAUSE = SteeringAction(
 )
 RESUME = SteeringAction(
     steps={values.CampaignState.PAUSED: values.CampaignState.QUEUED},
+    # A request that is repeated may find the campaign running again.
     done_in=frozenset({values.CampaignState.QUEUED, values.CampaignState.RUNNING}),
     participle="resumed",
 )
+# A campaign that waits or is paused ends at once: no worker has an episode of it.
 CANCEL = SteeringAction(
     steps={
         values.CampaignState.QUEUED: values.CampaignState.CANCELLED,
@@ -227,6 +231,7 @@ def list_campaigns(
     return parameters.Json(values.Page(found.items, found.next, total))
 
 
+# Declared before /{campaign}, which would take the word for an id.
 @router.get("/summaries", **document_route(values.Page[values.Summary]))
 def list_summaries(
     store: parameters.Stored,
@@ -361,6 +366,7 @@ def get_chain_mixing(store: parameters.Stored, campaign: parameters.CampaignId) 
 def get_digest(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get the SHA-256 of a campaign's results, by which repeated campaigns are compared."""
     seen = store.campaigns.get(campaign)
+    # A campaign that is done has stored its digest; of any other, all results are read.
     digest = seen.digest or store.episodes.digest(campaign)
     episodes = seen.counts.completed + seen.counts.errored
     return parameters.Json(Digest(campaign, digest, episodes, final=seen.digest is not None))
@@ -375,6 +381,7 @@ def get_policy(store: parameters.Stored, campaign: parameters.CampaignId) -> par
 @router.get("/{campaign}/prunings", **document_route(values.Page[Pruning]))
 def list_prunings(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """List the deletions of a campaign's noise by rule, time, user and size, oldest first."""
+    # An unknown campaign is a 404, and one without prunings an empty list.
     store.campaigns.get(campaign)
     return parameters.Json(values.Page(store.retention.of(campaign)))
 
@@ -395,6 +402,8 @@ def list_suites(
     return parameters.Json(store.campaigns.suites(limit, before))
 
 
+# A suite has up to a thousand members, all of which are checked, so a crowd of requests has to
+# wait.
 SUITES = Depends(ConcurrencyLimit("suites"), scope="function")
 
 
@@ -410,6 +419,7 @@ def create_suite_campaigns(
     return parameters.Json(make_suite_table(store, given.name), 201, {"Location": location})
 
 
+# The name of a suite may contain slashes.
 @suites_router.get("/{suite:path}", **document_route(SuiteTable))
 def get_suite(store: parameters.Stored, suite: SuiteName) -> parameters.Json:
     """Get a suite as a table: the newest campaign of each member, and their differing settings."""

@@ -109,6 +109,7 @@ def list_episodes(
     asked: Annotated[parameters.PageRequest, Depends(read_page)],
 ) -> parameters.Json:
     """List finished episodes that match a filter, in index order or another."""
+    # An unknown campaign is a 404, and one without matching episodes an empty list.
     store.campaigns.get(campaign)
     total = store.episodes.count(campaign, query.where) if asked.with_total else msgspec.UNSET
     found = store.episodes.page(campaign, asked.limit, asked.cursor, query.where, query.sort)
@@ -135,6 +136,7 @@ def get_episode_worker(
     return parameters.Json(find_worker(store, campaign, index))
 
 
+# One at a time: each explanation runs an episode in a process of its own, for seconds.
 EXPLAINING = SerialExecutor("explain")
 EXPLANATIONS = Explanations()
 
@@ -226,6 +228,7 @@ def stream_ndjson(
 def _stream(
     store: Store, campaign: int, query: EpisodeQuery, lines: Lines, kind: str
 ) -> StreamingResponse:
+    # This raises before the stream begins: after its first byte a stream cannot become an error.
     spec = store.campaigns.get(campaign).spec
     selection = export_formats.Selection(
         query.where, query.sort, query.columns or filters.list_columns(spec)

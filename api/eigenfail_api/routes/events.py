@@ -47,6 +47,7 @@ class EventFeed:
 
     async def newest(self) -> int:
         """Return the id of the newest event as of the last poll."""
+        # All followers that ask at this moment wait for one poll.
         async with self._lock:
             if monotonic() - self._polled_s >= self._poll_s:
                 await self._poll()
@@ -62,11 +63,13 @@ class EventFeed:
                 for event in events:
                     yield event
                 seen = events[-1].id if events else after
+                # A batch that is not full holds all events up to `newest` that the follower wants.
                 after = seen if len(events) == BATCH else max(seen, newest)
             await sleep(self._poll_s)
 
     async def _poll(self) -> None:
         if self._newest is None:
+            # Older events are not loaded into memory: perhaps nobody asks for them.
             self._known_from = self._newest = await run_sync(self._store.events.last)
             return
         events = await run_sync(self._store.events.after, self._newest, BATCH)
@@ -87,6 +90,7 @@ class EventFeed:
 
 router = APIRouter(prefix=http.PREFIX, tags=["events"])
 
+# A browser waits this long before it resumes a stream that was cut.
 RETRY_MS = 1000
 
 CampaignFilter = Annotated[

@@ -49,12 +49,14 @@ def parse_failures(
     archived: Archived = False,
 ) -> failures.FailureFilter:
     """Return the filter of a request: all its conditions hold."""
+    # Fields of a form that nobody filled in arrive as empty texts.
     campaign = CampaignFilter(
         method=method or None,
         project=project or None,
         planner_version=planner_version or None,
         archived=None if archived else False,
     )
+    # A user who names a method wants its failures, even if they repeat earlier ones.
     return failures.FailureFilter(
         campaign, planner or None, () if method else list_repeating_methods()
     )

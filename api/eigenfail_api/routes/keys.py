@@ -28,7 +28,10 @@ def create_key(
 ) -> Json:
     """Create a key. Its token is in this answer and cannot be read again."""
     made = access.make_key(store, request)
+    # The first key must be required from the next request on, and not only after the last check is
+    # a second old.
     authenticator.note_new_key()
+    # The answer has the only copy of the token, which no cache may keep.
     headers = {"Location": f"{PREFIX}/keys/{made.key.id}", "Cache-Control": "no-store"}
     return Json(made, 201, headers)
 

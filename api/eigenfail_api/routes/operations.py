@@ -32,15 +32,15 @@ from eigenfail_services.campaigns import summary
 from eigenfail_services.store import Store
 
 MAX_AGE_S = 1.0
-"""How long the outcome of a probe is reused. [s]"""
+"""Time for which the outcome of a probe is reused. [s]"""
 
 
 PROBE_LIMIT_S = 3.0
-"""Within the five seconds that containers and Kubernetes wait for an answer."""
+"""Time limit of a probe: containers and Kubernetes wait five seconds for an answer. [s]"""
 
 
 LOOP_LIMIT_S = 1.0
-"""Beside a probe, for the event loop to begin and end it. [s]"""
+"""Additional time for the event loop to begin and end a probe. [s]"""
 
 
 MOST_PROBES = 64
@@ -49,12 +49,13 @@ HEAD_BYTES = 8 * 1024
 """At the port for health checks: requests at a time, and time and length of the head of each."""
 
 RETRY_S = 0.1
-"""After a connection that the system could not accept."""
+"""Pause after a connection that the system could not accept. [s]"""
 
 
 router = APIRouter(tags=["operations"])
 
 
+# Each scrape reads all campaigns, so only a few run at a time.
 SCRAPES = Depends(ConcurrencyLimit("scrapes"), scope="function")
 
 
@@ -74,6 +75,8 @@ class Readiness:
         """Raise StoreUnavailable if the store is not ready, or does not answer in time."""
         probe = self._current()
         try:
+            # The probe is shielded: a client that hangs up must not cancel it for the others that
+            # wait.
             await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(probe)), PROBE_LIMIT_S)
         except TimeoutError:
             raise StoreUnavailable(
@@ -129,6 +132,7 @@ class HealthServer:
                 # A flood may leave no descriptor for a moment: probes are most wanted then.
                 time.sleep(RETRY_S)
                 continue
+            # While all places are taken, further connections wait in the queue of the system.
             self._places.acquire()
             try:
                 Thread(target=self._serve, args=(connection, loop), daemon=True).start()
@@ -188,6 +192,7 @@ def read_probe(connection: socket.socket) -> Probe:
     """
     head, until_s = b"", time.monotonic() + HEAD_S
     while b"\r\n\r\n" not in head and len(head) < HEAD_BYTES:
+        # The limit is for the whole head, so that a client cannot prolong it byte by byte.
         connection.settimeout(max(0.001, until_s - time.monotonic()))
         if not (part := connection.recv(HEAD_BYTES)):
             break

@@ -109,6 +109,7 @@ def describe_plugin(group: str, name: str, kind: Callable[[Any], Any]) -> Plugin
     try:
         plugin = plugins.load(group, name)
     except InvalidValue as error:
+        # One plug-in that cannot be loaded must not cost the whole list.
         return PluginInfo(name, problem=error.problem)
     summary = (inspect.getdoc(plugin) or "").partition("\n")[0]
     return PluginInfo(name, summary, msgspec.json.schema(kind(plugin)))

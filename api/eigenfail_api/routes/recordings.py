@@ -77,4 +77,6 @@ async def get_mode_animation(
 
 
 def _animate_mode(store: Store, analysis: int, mode: int, form: str) -> recordings.RecordingFile:
+    # The analysis is read here, in the thread of the work: the event loop must not wait for the
+    # database.
     return recordings.make_mode_animation(store, store.analyses.get(analysis), mode, form)

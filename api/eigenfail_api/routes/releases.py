@@ -14,6 +14,7 @@ from eigenfail_services.comparison.releases import list_questions, make_release_
 
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 
+# Both routes read up to 2,000 campaigns, so a crowd of requests is refused.
 RELEASES = Depends(ConcurrencyLimit("releases"), scope="function")
 
 Project = Annotated[str | None, Query(description="Only campaigns of this project.")]

@@ -28,9 +28,11 @@ def create_webhook(
     store: Stored, request: Annotated[WebhookRequest, Depends(body_of(WebhookRequest))]
 ) -> Json:
     """Create a webhook. Its secret is in this answer and cannot be read again."""
+    # Where the name leads is judged at each delivery, since it may lead elsewhere by then.
     check_url(request.url)
     secret = make_secret()
     made = NewWebhook(store.webhooks.create(request, secret), secret)
+    # The answer shows the secret for the only time, and no cache may keep it.
     headers = {"Location": f"{PREFIX}/webhooks/{made.webhook.id}", "Cache-Control": "no-store"}
     return Json(made, 201, headers)
 

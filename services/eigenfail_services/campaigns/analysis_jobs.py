@@ -69,7 +69,7 @@ class AnalysisBasis(NamedTuple):
 
     @property
     def ended(self) -> dict[int, int]:
-        """Number of episodes that have ended, by id of their campaign."""
+        """Return the number of episodes that have ended, by id of their campaign."""
         return {each.id: each.counts.completed + each.counts.errored for each in self.campaigns}
 
     def recounted(self, store: Store) -> Self:
@@ -134,7 +134,7 @@ def _find_further(store: Store, campaign: int) -> values.Campaign:
 
 
 def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
-    """Raises InvalidValue where the noise of two campaigns cannot stand side by side."""
+    """Raise InvalidValue if the noise of two campaigns cannot be analysed together."""
     world, beside = world_of(first.simulator), world_of(other.simulator)
     compared = {
         "episodes of another number of steps": (world.horizon(first), beside.horizon(other)),
@@ -236,6 +236,7 @@ class AnalysisJobs:
 
     def _started(self, job: Job) -> RunningAnalysis:
         command = [sys.executable, "-m", "eigenfail_services", "analyse", str(job.subject)]
+        # The analysis leads a process group, so that whatever it starts can be killed with it.
         process = subprocess.Popen(command, env=self._environment, process_group=0)
         self._bounds.confine(process.pid)
         return RunningAnalysis(job, process, Timeout(self._bounds.time_s))
@@ -254,6 +255,8 @@ class AnalysisJobs:
             kill_group(running.process)
             self._store.jobs.renew(running.job, 0.0)
             return True
+        # The reason is stored before the job is removed: after a crash in between, the next claim
+        # finds an analysis that has ended.
         if problem := self._problem(status):
             self._store.analyses.fail(running.job.subject, problem)
         kill_group(running.process)
@@ -269,6 +272,8 @@ class AnalysisJobs:
 
     def _renew(self, running: RunningAnalysis) -> None:
         if time.monotonic() >= running.renew_s:
+            # A lease is as long as three renewals, so that one that is late or fails costs no
+            # lease.
             running.renew_s = time.monotonic() + LEASE_S / 3
             self._store.jobs.renew(running.job, LEASE_S)
 
@@ -290,11 +295,12 @@ def run_analysis(store: Store, analysis_id: int) -> None:
     except Exception as error:
         problem = f"The analysis failed with {describe_error(error)}."
         store.analyses.fail(analysis_id, f"{problem} {LOOK}")
+        # Raised again, so that the log of the services has the traceback.
         raise
 
 
 def _gives_proposals_up(campaign: values.Campaign) -> bool:
-    """Whether early failures of a campaign come from proposals that its method has given up.
+    """Return whether early failures of a campaign come from proposals that its method has given up.
 
     Where the method estimates the probability of each mode, every failure needs its mode.
     """
@@ -345,7 +351,7 @@ def _describe_samples(
 
 
 GROUPED_BY = {"energy": "the energy of their noise in windows of 0.5 s", "noise": "their noise"}
-"""What failures on a road are grouped by where their behaviour is not known."""
+"""Descriptions of the features by which failures on a road of unknown behaviour are grouped."""
 
 
 def _describe_grouping(

@@ -30,6 +30,7 @@ class StoreCache(Generic[Value]):
     def __init__(self, most: int) -> None:
         self._most = most
         self._lock = Lock()
+        # The keys are weak, so that a store that is no longer used takes its values with it.
         self._stores: WeakKeyDictionary[Store, OrderedDict[Hashable, _CachedValue[Value]]] = (
             WeakKeyDictionary()
         )
@@ -48,6 +49,8 @@ class StoreCache(Generic[Value]):
         with self._lock:
             kept = self._stores.setdefault(store, OrderedDict()).get(subject)
         if kept is None or kept.state != state:
+            # The lock is not held: computing a value may take seconds, and other threads ask for
+            # other subjects.
             kept = _CachedValue(state, make())
         with self._lock:
             ours = self._stores.setdefault(store, OrderedDict())

@@ -1,4 +1,4 @@
-"""How far the chains of a campaign have mixed, by the last state of its learner."""
+"""The mixing of the chains of a campaign, from the last state of its learner."""
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict

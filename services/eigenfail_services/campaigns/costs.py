@@ -91,6 +91,7 @@ def _find_first_failures(result: values.AnalysisResult, campaign: int) -> list[i
     return list(first.values())
 
 
+# One thread for each sum that `prefetch_figures` starts.
 AT_A_TIME = 3
 POOL = ThreadPoolExecutor(AT_A_TIME, thread_name_prefix="figures")
 
@@ -121,6 +122,8 @@ def read_figures(store: Store, campaign: values.Campaign) -> CampaignFigures:
 def prefetch_figures(store: Store, campaign: values.Campaign) -> Sequence[Future[Any]]:
     """Start computing the sums that `find_figures` needs; the store caches them."""
     asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
+    # `as_of` sets a context variable, and a thread of the pool sees it only in a copy of the
+    # context.
     with store.figures.as_of(campaign):
         return [POOL.submit(copy_context().run, ask, campaign.id) for ask in asked]
 

@@ -33,7 +33,7 @@ COMPANIONS = {
     "scenario": "scenario_parameters",
     "planner": "planner_settings",
 }
-"""What means nothing without the plug-in that is named beside it."""
+"""Fields whose values mean nothing without the plug-in that the other field names."""
 
 WHOLE = (
     ("scenario_parameters", 2),
@@ -211,6 +211,7 @@ def change_fields(fields: Fields, changes: Fields) -> dict[str, Any]:
         if name in changes and changes[name] != fields.get(name):
             kept.pop(companion, None)
             if name == "planner":
+                # The version is one of the earlier planner.
                 kept.pop("planner_version", None)
     for name, value in changes.items():
         over = name in TABLES and isinstance(value, dict) and isinstance(kept.get(name), dict)
@@ -234,7 +235,7 @@ CONTINUATIONS = {
     Reference.OWN_LEARNER: "Start from the networks that it trained.",
     Reference.EPISODES: "Learn from its episodes first.",
 }
-"""What a new campaign of the same method can take from an earlier one."""
+"""Descriptions of what a new campaign of one method can take from an earlier one."""
 
 
 def list_continuations(campaign: Campaign) -> Iterator[Continuation]:

@@ -154,7 +154,7 @@ def replay_episode(
 
 
 PATIENCE_S = 60.0
-"""For all episodes of an analysis together: then no planner is waited for, nor asked, any more."""
+"""Time for the accounts of all episodes of an analysis: after it no planner is asked. [s]"""
 
 
 def describe_modes(

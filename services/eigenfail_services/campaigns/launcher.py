@@ -51,7 +51,7 @@ class WorkerLauncher(Protocol):
     def start(
         self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
     ) -> None:
-        """Have workers connect to the hub, with a key where it asks for one.
+        """Start workers that connect to the hub, with a key if the hub requires one.
 
         Args:
             hub: its address.
@@ -89,7 +89,7 @@ log = structlog.get_logger()
 
 
 class WorkerScaling:
-    """Has a launcher adjust the number of workers, and stores its notices as events."""
+    """Lets a launcher adjust the number of workers, and stores its notices as events."""
 
     def __init__(self, launcher: WorkerLauncher, table: WorkerPool, events: EventLog) -> None:
         self._launcher = launcher
@@ -107,6 +107,8 @@ class WorkerScaling:
             log.warning(notice.message, kind=notice.kind)
             self._unwritten.append(notice)
         while self._unwritten:
+            # A notice leaves the queue after it was written: a database that is away delays events,
+            # and none is lost.
             self._events.append(self._unwritten[0].kind, self._unwritten[0].message)
             self._unwritten.popleft()
 
@@ -125,7 +127,7 @@ def count_needed(work: Work) -> int:
 
 
 class _LastingChange:
-    """How long another number of workers has been needed, and the smallest change meanwhile.
+    """The time for which another number of workers has been needed, and the smallest change in it.
 
     Args:
         lasts_s: how long until it counts. [s]
@@ -146,6 +148,8 @@ class _LastingChange:
         """Return the number to change to, once another one has been needed for long enough."""
         if self._began_s is None:
             self._began_s, self._change = now_s, need
+        # The smallest change that was needed all the time counts: a peak in between is over before
+        # a worker has started.
         self._change = self._nearest(self._change, need)
         return self._change if now_s - self._began_s >= self._lasts_s else None
 
@@ -196,6 +200,7 @@ def choose_surplus(
     A worker that holds an episode is never among them.
     """
     newest = names[::-1]
+    # A worker that is not connected has no episode, so ending it costs nothing.
     absent = [name for name in newest if name not in present]
     return [*absent, *(name for name in newest if name in idle)][:n]
 
@@ -216,6 +221,7 @@ class WorkerNames:
 
     def look(self, now_s: float, demand: WorkerDemand) -> None:
         """Adjust the names to the number that the work needs; working workers are never dropped."""
+        # Workers that users started by hand take part of the work.
         others = len(demand.present.difference(self.names))
         wanted = self._scale.look(now_s, count_needed(demand.work) - others)
         surplus = max(0, len(self.names) - wanted)

@@ -67,6 +67,7 @@ def _estimate_modes(
     if campaign.state not in values.FINAL_STATES:
         return [values.Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
     mode_of = dict(zip(result.episodes, result.labels, strict=True))
+    # A rate by counting has errored episodes in its interval already.
     errored = 0 if teller.by == COUNTING else campaign.counts.errored
     try:
         found = teller.estimate(store, campaign, mode_of, modes)
@@ -111,6 +112,8 @@ def estimate_by_weights(
     learner = method(context, settings)
     sums, seen = [WeightedFailures()] * modes, 0
     for results in _list_rounds(store, campaign, learner):
+        # The method estimates from the second half of its budget alone, and its modes from the same
+        # episodes.
         if seen >= context.episodes // 2:
             sums = [
                 learner.weigh(one, _keep_mode(results, mode_of, mode))
@@ -129,6 +132,7 @@ def _list_rounds(
     while first < budget:
         last = first + len(learner.propose(budget - first).sources)
         results = store.episodes.finished(campaign.id, range(first, last))
+        # A learner observes whole rounds alone, and the last round of a campaign may be incomplete.
         if len(results) < last - first:
             return
         yield results

@@ -23,8 +23,8 @@ MODULE = "eigenfail_workers"
 ASKED, REFUSED = "workers.asked", "workers.refused"
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
-"""Before a worker that died is started again: twice as long each time, until one has lasted for as
-long."""
+"""Pauses before a worker that died is started again: twice as long each time, until a worker has
+lasted that long. [s]"""
 
 MOST_REFUSALS = 5
 """Exits with status 2 in a row after which a worker gives up: a key or an address is wrong. The
@@ -72,7 +72,7 @@ class WorkerProcess:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has a process that lives."""
+        """Return whether the worker has a process that lives."""
         return self.process is not None and exit_status(self.process) is None
 
     def start(self, now_s: float) -> None:
@@ -83,8 +83,13 @@ class WorkerProcess:
         """
         command = [sys.executable, "-m", MODULE, "--connect", self._hub, "--name", self.name]
         if self._key is not None:
+            # The key goes through standard input: other users of the machine can read command
+            # lines.
             command += ["--key-file", "/dev/stdin"]
         environment = {n: v for n, v in os.environ.items() if n not in WITHHELD}
+        # Standard output of the services is left to the line that names the hub's address, so
+        # workers print to standard error. Each worker leads a group, so that what it starts ends
+        # with it. What the operator sets overrides the number of threads.
         self.process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -94,6 +99,7 @@ class WorkerProcess:
         )
         self._began_s = now_s
         if self.process.stdin is not None:
+            # The process may have ended already, which `keep_running` notices.
             with suppress(OSError), self.process.stdin as stream:
                 stream.write(self._key.text().encode() if self._key else b"")
 
@@ -107,6 +113,7 @@ class WorkerProcess:
             return None
         if self.process is not None:
             status = exit_status(self.process)
+            # Processes that the dead worker has left behind end before another worker starts.
             self.end()
             return self._schedule(now_s, status)
         if now_s < self._due_s:
@@ -137,7 +144,7 @@ class WorkerProcess:
             self.process.send_signal(signal.SIGTERM)
 
     def end(self) -> None:
-        """Kill its process, and what that started."""
+        """Kill the process, and what the process started."""
         if self.process is not None:
             kill_group(self.process)
             self.process = None
@@ -213,12 +220,15 @@ class ProcessLauncher:
         notices = [notice for one in wanted if (notice := one.keep_running(now_s))]
         if self._span.most == 0 and demand.work.episodes:
             notices.append(launcher.Notice(ASKED, launcher.NONE_MAY_START))
+        # A worker that cannot be started fails again every 30 s: one event about it is enough.
         fresh = [one for one in notices if one.message not in self._told]
         self._told.update(one.message for one in fresh)
         return fresh
 
     def stop(self) -> None:
         """Wait a moment for the workers that the hub has sent home, then end the others."""
+        # The hub has ended by now. Workers that received its goodbye leave by themselves, SIGTERM
+        # is for the others, and the last ones are killed.
         _wait_for(self._workers.values(), GOODBYE_S)
         for one in self._workers.values():
             one.terminate()

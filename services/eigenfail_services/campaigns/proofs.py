@@ -128,6 +128,7 @@ def summarise_proof(store: Store, analysis: values.Analysis) -> values.Proof:
         store, analysis.id, None, lambda: _list_worlds(store, analysis, result)
     )
     linked = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
+    # Proofs link searches for the nearest failing point, too.
     replays = [each for each in linked if each.spec.method == REPLAY]
     scenarios = tuple(
         _find_scenario(store, analysis, homes, each) for each in _keep_latest(replays)
@@ -214,6 +215,7 @@ def _keep_latest(replays: Iterable[values.Campaign]) -> list[values.Campaign]:
 
     Replays that drew a scenario of their own each say nothing of one.
     """
+    # Replays come oldest first, so that the newest of a key remains.
     newest = {
         msgspec.json.encode(
             (spec.scenario_parameters, _list_modes(spec)), order="deterministic"
@@ -230,6 +232,7 @@ def _list_modes(replay: values.CampaignSpec) -> list[int]:
 
 def _find_home(replay: values.Campaign, homes: Sequence[ReplayWorld]) -> ReplayWorld:
     named = _list_modes(replay.spec)
+    # A replay names its modes only if the scenario's parameters vary; otherwise there is one home.
     return next((home for home in homes if home.modes[0] + 1 in named), homes[0])
 
 
@@ -239,6 +242,8 @@ def _summarise_scenario(
     results = store.episodes.finished(replay.id, range(replay.spec.episodes))
     by_index = {result.index: result for result in results}
     kinds = replay.spec.settings.get("what") or (values.ReplayKind.EIGENFAILURE,)
+    # The episodes of a replay have this order, kind by kind, because `read_trajectories` returns
+    # the noise in it.
     order = product(map(values.ReplayKind, kinds), home.modes)
     replays = tuple(
         _read_replay(
@@ -315,10 +320,10 @@ def _count_reproductions(replays: Iterable[values.ReplayedNoise]) -> values.Repr
 
 
 NEARBY = "nearby"
-"""In the `extra` of a parameter's `Meta`: how far its neighbours are, in its own unit."""
+"""Key in the `extra` of a parameter's `Meta`: the distance of its neighbours, in its unit."""
 
 SHARE = 0.25
-"""Of the range of the first bounded parameter, where a scenario names no neighbours."""
+"""Share of the range of the first bounded parameter, if a scenario names no neighbours."""
 
 
 class _BoundedParameter(msgspec.Struct, frozen=True):
@@ -366,6 +371,7 @@ def _move_parameter(parameter: _BoundedParameter, value: float) -> Iterator[dict
     """Return a parameter's neighbours on both sides of a value, within its bounds."""
     for place in (value - parameter.distance, value + parameter.distance):
         within = min(max(place, parameter.low), parameter.high)
+        # An integer parameter stays an integer.
         neighbour = type(value)(within)
         if neighbour != value:
             yield {parameter.name: neighbour}
@@ -416,6 +422,8 @@ def launch_replays(
         for place, variation in enumerate(wanted)
         for world in worlds
     ]
+    # All replays have been checked before the first one is queued, so that a wrong variation leaves
+    # no part of a proof behind.
     for spec in specs:
         _launch_replay(store, analysis.id, spec, made_by)
     found = summarise_proof(store, analysis)
@@ -512,6 +520,10 @@ def _launch_replay(
     whenever it is run, and its key is made of what it is.
     """
     before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
+    # A key belongs to its first campaign for ever: counting the lost ones gives the next attempt a
+    # new key.
     lost = sum(each.spec.is_like(spec) and each.state in CAME_TO_NOTHING for each in before)
     key = f"replay {lost} of analysis {analysis}: {spec_hash(spec)}"
+    # After a crash between creation and link, the same request finds the campaign by its key and
+    # links it.
     store.analyses.link_replay(analysis, store.campaigns.create(spec, key, made_by).id)

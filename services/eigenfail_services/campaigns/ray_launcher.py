@@ -14,7 +14,7 @@ from eigenfail.wire.keys import WorkerKey
 from eigenfail_services.campaigns import launcher, ray_link
 
 UNPLACED_AFTER_S = 5.0
-"""Where there is room for a worker it has its place sooner."""
+"""Time after which a worker without a place is reported: with room it is placed sooner. [s]"""
 
 
 ASKED, REFUSED, MACHINES = "workers.asked", "workers.refused", "ray.machines"
@@ -85,7 +85,7 @@ LOST, BACK = "ray.lost", "ray.back"
 
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
-"""Before another try: twice as long each time, until a Ray has lasted for as long."""
+"""Pauses between attempts: twice as long each time, until a Ray has lasted that long. [s]"""
 
 
 LOOK_EVERY_S = 0.05
@@ -130,6 +130,8 @@ class RayLauncher:
         )
         self._link = link = first_link(self._begin)
         link.want((*self._roll.names,))
+        # The start waits for the first report: without Ray the service must refuse to start, and
+        # not log an event.
         while self._standing is None:
             if given_up():
                 link.kill()  # who still waits for Ray does not hear that it is to end
@@ -184,6 +186,7 @@ class RayLauncher:
         if self._standing and self._clock() - self._since_s >= LONGEST_PAUSE_S:
             self._pause_s = FIRST_PAUSE_S
         self._link, self._standing, self._placement = None, None, PlacementNotices()
+        # An outage is one event, however many attempts its end takes.
         if not self._was_lost:
             what = "The services reconnect to it." if self._cluster else "Another is started."
             self._say(LOST, f"Ray is lost. {lost.problem} {what} What its workers ran runs again.")
@@ -208,6 +211,8 @@ class RayLauncher:
             self._said_none = True
             self._say(ASKED, launcher.NONE_MAY_START)
         if self._standing is not None:
+            # Only workers that this launcher placed are sent home: others belong to the users who
+            # started them.
             placed = {*self._standing.placed, *self._standing.unplaced}
             table.drain_workers(placed.difference(self._roll.names))
         if self._link is not None:
@@ -218,7 +223,7 @@ class RayLauncher:
 
 
 def first_link(begin: ray_link.StartRay) -> ray_link.RayLink:
-    """The Ray process with which a service starts.
+    """Start the Ray process of a service, and return its link.
 
     Raises:
         ClusterUnavailable: the system has no room for it.

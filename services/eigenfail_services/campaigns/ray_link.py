@@ -1,4 +1,4 @@
-"""What the services and their Ray process say to each other: a line of JSON each.
+"""Messages between the services and their Ray process: a line of JSON each.
 
 Ray's driver ends its whole process when the cluster's head stays away for a minute, and may wait
 that long in any call. So it has a process of its own, which can be killed and started anew.
@@ -126,6 +126,7 @@ SILENCE_LIMIT_S = 30.0
 """Ray's own timeout with a head that does not answer is twice as long."""
 
 
+# Longer than the driver itself waits for its workers to leave, which is 3 s.
 PARTING_S = 8.0
 
 
@@ -159,6 +160,8 @@ class RayLink:
         self._wishes, self._words = self._process.stdin, self._process.stdout
         with suppress(OSError):  # it ended at once: `trouble` says why
             self._wishes.write(encode_line(replace(begin, folder=self._folder)))
+        # The first message is written as a whole. From then on, a driver that hangs in a call of
+        # Ray must not hold up the services.
         os.set_blocking(self._wishes.fileno(), False)
         self._lines = PipeReader(self._words.fileno(), msgspec.json.Decoder(Word))
         self._timeout = Timeout(BEGIN_WITHIN_S)
@@ -170,11 +173,15 @@ class RayLink:
         if not self._unsent and names != self._wanted:
             self._unsent, self._wanted = encode_line(WantedWorkers(names)), names
         with suppress(OSError):  # it ends, or does not read: then it is started anew
+            # A full pipe accepts a part of the message, or nothing (None): the rest is sent in a
+            # later turn.
             self._unsent = self._unsent[self._wishes.write(self._unsent) or 0 :]
 
     def hear(self) -> Iterator[Word]:
         """Yield the messages of the Ray process that have arrived."""
         for word in self._lines.read():
+            # Connecting to Ray may take two minutes; a driver that has reported once reports every
+            # half second.
             self._timeout = Timeout(SILENCE_LIMIT_S)
             yield word
 
@@ -233,6 +240,8 @@ def _start_driver() -> "subprocess.Popen[bytes]":
     Raises:
         OSError: the system has no room for it.
     """
+    # The pipes have no buffer: `PipeReader` reads the descriptor itself, and would miss what a
+    # buffer holds.
     return subprocess.Popen(
         [sys.executable, "-m", MODULE],
         stdin=subprocess.PIPE,

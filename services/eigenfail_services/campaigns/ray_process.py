@@ -21,6 +21,8 @@ from eigenfail.processes import die_with_parent, end_now
 from eigenfail.wire.keys import WorkerKey, read_worker_key
 from eigenfail_services.campaigns import ray_link
 
+# Without the token, everyone who reaches Ray's ports could run code as this user. Ray sends no
+# usage statistics: the service connects to nothing that its user has not named.
 ENVIRONMENT = {
     "RAY_AUTH_MODE": "token",
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -71,6 +73,7 @@ class RayCluster:
 
     def __init__(self, address: str | None, most: int, folder: str = "") -> None:
         for name, value in (ENVIRONMENT if address else ENVIRONMENT | ALONE).items():
+            # What the operator has set stays.
             os.environ.setdefault(name, value)
         try:
             import ray
@@ -79,6 +82,8 @@ class RayCluster:
             options: dict[str, Any] = (
                 {"address": address} if address else _local_options(most, folder)
             )
+            # What workers print stays in Ray's own logs, which are bounded, and does not pass
+            # through this process.
             ray.init(log_to_driver=False, logging_level=logging.WARNING, **options)
         except (ImportError, OSError, RuntimeError, ValueError) as error:
             raise ClusterUnavailable(
@@ -87,6 +92,8 @@ class RayCluster:
                 "`--launcher none` and workers by `eigenfail worker --connect`.",
             ) from error
         self._node = ray.get_runtime_context().get_node_id()
+        # Only a Ray that was started here has its processes below this one; those of a cluster are
+        # not watched.
         below = psutil.Process().children()
         self._parts = {part.name(): part for part in below if part.name() in PARTS}
 
@@ -250,6 +257,8 @@ def main() -> NoReturn:
 def _take_output() -> Say:
     """Return a function that writes to the services; all other output goes to standard error."""
     words = os.dup(sys.stdout.fileno())
+    # Ray and other libraries print to standard output, where any line of theirs would break the
+    # protocol.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
 
     def say(word: msgspec.Struct) -> None:
@@ -276,6 +285,7 @@ def serve(
         machines = cluster.machines()
         workers.want(names)
         say(workers.standing(machines))
+        # This ends early if a request arrives, or if the services have ended and closed the pipe.
         select.select([sys.stdin], [], [], SAY_EVERY_S)
     workers.dismiss()
     cluster.close()

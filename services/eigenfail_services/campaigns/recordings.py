@@ -143,7 +143,7 @@ def load_recording(
 
 
 def _refuse_sceneless(spec: CampaignSpec, stored: EpisodeResult) -> None:
-    """Raises InvalidValue for an episode in which nothing drove."""
+    """Raise InvalidValue for an episode in which nothing drove."""
     _refuse_function(spec, "episode")
     if not stored.steps:
         why = stored.fault.message if stored.fault else "no reason was kept"

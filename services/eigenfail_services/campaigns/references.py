@@ -1,4 +1,4 @@
-"""What the settings of a campaign name: noise, episodes and learners of earlier campaigns.
+"""References in the settings of a campaign: noise, episodes and learners of earlier campaigns.
 
 They are checked once, before the campaign is created. What they name has ended by then: only its
 noise can still be lost. So the claim of a campaign reads it, as the context of the learner.
@@ -34,12 +34,12 @@ MOST_READ = 100_000
 
 MOST_EPISODES = 10_000
 MOST_NUMBERS = 25_000_000
-"""Of noise; they travel in one message."""
+"""Most numbers of noise, which travel in one message."""
 
 PAGE = 5_000
 
 AT_BIRTH = frozenset({Reference.OWN_LEARNER, Reference.EPISODES})
-"""What came of these is in a learner's state, so that a learner that is restored needs them not."""
+"""References that only a new learner reads: the state of a restored one has their effect."""
 
 FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 """Settings that name one failure: the first two together, or the last two."""
@@ -118,6 +118,7 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
     if "episode" in named:
         field = f"{method.field}.episode"
         _check_collision(settings["campaign"], settings["episode"], field, store)
+    # The noise is read only to refuse the campaign now if an analysis has no such mode.
     read_trajectories(method, store)
     for name in campaign.spec.disturbance.searched_parameters:
         problem = "is chosen by the noise, and minimal takes noise away that could be without."
@@ -185,6 +186,8 @@ def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store
         if campaign.spec.stop.cv is not None and searching is campaign.method:
             own = resolve_method(before.spec.method, before.spec.settings)
             check_estimates(own, "stop.cv", of_exploits=True)
+    # The state is read only to see that it can be read: a claim could not refuse the campaign any
+    # more.
     _read_last_state(before, field, store)
 
 
@@ -449,6 +452,8 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> values.Experi
     horizon, channels = campaign.horizon, len(campaign.channels)
     completed = sorted(one for number in sorted(data) for one in _list_completed(number, store))
     kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
+    # `groupby` needs the episodes of a campaign next to each other, and robustness has the order of
+    # the noise.
     kept.sort(key=lambda one: (one.campaign, one.index))
     results = [
         result

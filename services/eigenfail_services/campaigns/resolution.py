@@ -37,12 +37,12 @@ class ResolvedMethod(msgspec.Struct, frozen=True):
 
     @property
     def name(self) -> str:
-        """The name of the method."""
+        """Return the name of the method."""
         return self.description.name
 
     @property
     def traits(self) -> MethodTraits:
-        """What the method declares of itself."""
+        """Return the traits that the method declares."""
         return self.description.traits
 
     def given_references(self, *kinds: Reference) -> dict[str, Any]:

@@ -43,7 +43,7 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def half_width(self) -> float | None:
-        """Half the width of the failure rate's confidence sequence; None before any episode.
+        """Return half the width of the failure rate's confidence sequence; None before any episode.
 
         The interval is looked at after every round: one of a fixed number of episodes would not
         hold at the look that ends the campaign. Its upper end counts errored and unresolved
@@ -110,6 +110,7 @@ FORMAT = 3
 tally of format 2 had no errored or unresolved episodes."""
 
 
+# A field that is unknown is one of a newer program, which must not be dropped in silence.
 class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=True):
     """The learner's state and the rounds that were open when it was taken.
 
@@ -197,7 +198,7 @@ class Rounds:
 
     @property
     def stopped_because(self) -> str:
-        """Why no further round is proposed, in words; empty while there is one."""
+        """Return why no further round is proposed, in words; empty while there is one."""
         if self._rule_held:
             return self._rule_held
         if self._episodes >= self._budget:
@@ -248,6 +249,7 @@ class Rounds:
         self._learner.observe(ordered)
         self._open.popleft()
         self._tally = self._tally.after(ordered)
+        # A campaign that has spent its budget has not ended because of a rule.
         if self._may_propose():
             self._rule_held = self._judge()
 
@@ -281,6 +283,8 @@ class Rounds:
             ProtocolError: the bytes are not a checkpoint of this campaign and method.
         """
         checkpoint = read_checkpoint(data)
+        # Seeds of episodes follow from the seed of the campaign: with another one the open rounds
+        # would be other episodes.
         if (checkpoint.campaign_seed, checkpoint.budget) != (self._campaign_seed, self._budget):
             raise ProtocolError(
                 f"The checkpoint is of a campaign with seed {checkpoint.campaign_seed} and "

@@ -99,7 +99,7 @@ def _rename_suite_error(error: InputError, suite: str) -> InputError:
 
 
 class CheckedSuite(msgspec.Struct, frozen=True):
-    """What a request for a suite would create.
+    """The campaigns that a request for a suite would create, and its problems.
 
     Attributes:
         missing: campaigns that can be created now, by idempotency key.
@@ -158,6 +158,8 @@ def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) 
     for name, error in checked.problems.items():
         with move_errors(f"member '{name}'"):
             raise error
+    # The check held no lock. If another request has created a member meanwhile, its key finds that
+    # campaign.
     store.campaigns.create_missing(checked.missing, made_by)
 
 

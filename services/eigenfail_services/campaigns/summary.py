@@ -261,7 +261,7 @@ def list_unrunnable(store: Store) -> tuple[values.Event, ...]:
 
 
 MOST_RUNNING = 1_000
-"""With more campaigns that run than are read, nothing is said of their width."""
+"""Most running campaigns that are read; if more run, no width is reported."""
 
 
 def find_narrow(

@@ -99,7 +99,7 @@ class Bill(NamedTuple):
 
     @property
     def length_s(self) -> float:
-        """The time that the bill adds to the campaign's active time. [s]"""
+        """Return the time that the bill adds to the campaign's active time. [s]"""
         return self.until_s - self.since_s
 
 
@@ -166,6 +166,8 @@ class SupervisedCampaign:
             campaign: as the store has it.
         """
         if bill := self._unanswered:
+            # Another supervisor may have billed any time in between: only exactly this sum shows
+            # that ours was kept.
             if isclose(campaign.active_s, self._kept_s + bill.length_s):
                 self._keep(bill)
             else:
@@ -177,6 +179,7 @@ class SupervisedCampaign:
         if (bill := self._unanswered) is None:
             return
         kept_s = store.campaigns.get(self.job.subject).active_s
+        # The store has kept all of the bill or nothing: halfway between, rounding cannot decide.
         if kept_s > self._kept_s + bill.length_s / 2:
             self._keep(bill)
         else:
@@ -196,6 +199,7 @@ def find_spent_rule(campaign: values.Campaign) -> str:
     return rounds.judge_time(campaign.spec.stop, campaign.active_s, find_cost(campaign).total_usd)
 
 
+# A lease is as long as five renewals: a turn that takes some seconds loses no campaign.
 LEASE_S = 10.0
 RENEW_S = 2.0
 ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
@@ -210,7 +214,7 @@ AFTER = {
     values.CampaignState.PAUSING: values.CampaignState.PAUSED,
     values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
 }
-"""What a user asked for while a campaign ran, and its state once that is done."""
+"""State of a campaign after a user's request has taken effect, by the state that requests it."""
 
 
 def may_run(campaign: values.Campaign, job: Job, store: Store) -> bool:
@@ -246,6 +250,7 @@ def _set_aside(campaign: values.Campaign, job: Job, store: Store, because: str) 
         errors.IllegalTransition,
         errors.ClaimLost,
     ):  # a user has asked for something else meanwhile
+        # The job is free at once, and its next claim reads the new state.
         store.jobs.renew(job, 0.0)
         return
     store.jobs.finish(job)
@@ -282,11 +287,12 @@ class Supervisor:
         }
 
     def turn(self) -> None:
-        """Do everything that is due now, without waiting.
+        """Renew, claim, halt and conclude whatever is due now, without waiting.
 
         Raises:
             StoreUnavailable: the database does not answer; the next turn tries again.
         """
+        # Renewals come first: whatever else takes long in a turn, the campaigns stay ours.
         self._renew()
         self._claim()
         self._heed_wishes_and_rules()
@@ -303,6 +309,8 @@ class Supervisor:
 
     def _claim(self) -> None:
         for kind, opener in self._openers.items():
+            # The queue is read before it is claimed from: a claim is a write, for which other
+            # writers wait.
             while self._has_room(kind) and self._store.jobs.waiting(kind):
                 job = self._store.jobs.claim(self._owner, LEASE_S, kind)
                 # Another supervisor is claiming what waits, or was lost while it wrote its claim.
@@ -320,6 +328,8 @@ class Supervisor:
         if watch := self._watched.get(job.subject):
             watch.claim_again(job, campaign)  # held up for so long that our own lease ran out
             return
+        # A service that was killed between the end of a campaign and the removal of its job left
+        # the job.
         if campaign.state in AT_REST:
             self._store.jobs.finish(job)
             return
@@ -347,6 +357,7 @@ class Supervisor:
                 self._store.campaigns.move(campaign.id, values.CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
+        # The versions are stored before an episode runs, so that no result has unknown versions.
         with contextlib.suppress(errors.ClaimLost):  # the new owner records its own versions
             self._store.campaigns.begin_part(campaign.id, learner_versions(), job)
         watch = self._watched[campaign.id] = SupervisedCampaign(
@@ -363,6 +374,7 @@ class Supervisor:
             weight=spec.priority.weight,
             observes=traits_of(spec.method).observes,
             accounting=watch.accounting,
+            # A function, because a lease that was lost and claimed again has another token.
             claim=lambda: watch.job,
         )
         self._hub.launch(run)
@@ -435,6 +447,8 @@ class Supervisor:
             self._settle(ended, watch)
         except errors.ClaimLost:
             return False
+        # The job is removed last: after a crash in between, its next claim finds the campaign at
+        # rest and removes the job.
         self._store.jobs.finish(watch.job)
         return True
 
@@ -451,6 +465,8 @@ class Supervisor:
     ) -> tuple[values.CampaignState, str]:
         if ended.problem:
             return values.CampaignState.DEAD, ended.problem
+        # A rule on time or cost halts a campaign as well, and ends it as planned: done, not
+        # cancelled.
         if watch.halting and not watch.rule_held:
             return AFTER[state], BY_USER
         return values.CampaignState.DONE, ended.stopped_because or watch.rule_held

@@ -1,4 +1,4 @@
-"""What a campaign must be before it is taken on: names known, values within bounds, noise there."""
+"""Validation of campaigns before they are created: names, bounds, and references."""
 
 from collections.abc import Iterable, Iterator
 from math import ceil, isfinite
@@ -71,6 +71,8 @@ def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
             budget that the method cannot begin with; or a function that may not be run here.
     """
     _refuse_unstorable(spec)
+    # msgspec checks types and bounds only when it decodes: a spec that was made in Python has not
+    # been checked.
     convert(msgspec.to_builtins(spec), CampaignSpec)
     if spec.simulator not in list_simulators():
         raise UnknownName("simulator", spec.simulator, list_simulators())
@@ -97,7 +99,7 @@ def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
 
 
 def _check_parallel(campaign: resolution.ResolvedCampaign, parallel: int) -> None:
-    """Raises InvalidValue where a method waits for each round, or would have too many open."""
+    """Raise InvalidValue if a method waits for each round, or would have too many open."""
     searching = campaign.searching
     if not searching.traits.tolerates_delay:
         raise InvalidValue(
@@ -123,7 +125,7 @@ def _check_parallel(campaign: resolution.ResolvedCampaign, parallel: int) -> Non
 
 
 def _check_chains(campaign: resolution.ResolvedCampaign, chains: int, parallel: int) -> None:
-    """Raises InvalidValue where chains are too few, or would be kept waiting by a stop rule."""
+    """Raise InvalidValue if chains are too few, or would be kept waiting by a stop rule."""
     name = campaign.searching.name
     if parallel > chains:
         raise InvalidValue(
@@ -143,7 +145,7 @@ def _check_chains(campaign: resolution.ResolvedCampaign, chains: int, parallel: 
 
 
 def _check_course(spec: CampaignSpec, world: CampaignWorld) -> None:
-    """Raises InvalidValue where no episode can continue another one from a step on."""
+    """Raise InvalidValue if no episode can continue another one from a step on."""
     if not world.has_road:
         raise InvalidValue(
             "method",
@@ -160,7 +162,7 @@ def _check_course(spec: CampaignSpec, world: CampaignWorld) -> None:
 
 
 def _refuse_unstorable(spec: CampaignSpec) -> None:
-    """Raises InvalidValue for numbers and text that terminals and databases choke on."""
+    """Raise InvalidValue for numbers and text that terminals or databases do not accept."""
     for path, value in list_values(spec):
         if isinstance(value, float) and not isfinite(value):
             raise InvalidValue(path, f"{value} is not a finite number.")

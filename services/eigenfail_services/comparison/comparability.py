@@ -1,4 +1,4 @@
-"""What makes campaigns comparable: that they ask the same, and that their noise is the same."""
+"""Comparability of campaigns: whether their questions and their noise are the same."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import lcm
@@ -43,7 +43,7 @@ THINGS = {
     "price_usd_per_hour": "price",
     "instances": "price",
 }
-"""Which thing a field of a spec belongs to; the others change no result."""
+"""The thing that a field of a spec belongs to; other fields change no result."""
 
 RANKS = {field: rank for rank, field in enumerate(THINGS)}
 FIELD_RANKS = {field: rank for rank, field in enumerate(CampaignSpec.__struct_fields__)}
@@ -88,6 +88,7 @@ def write_release_question(spec: CampaignSpec) -> str:
     method draws is compared elsewhere.
     """
     fields = ("method", "planner", "scenario", "scenario_parameters", "simulator", "disturbance")
+    # A spec needs a name and a budget, which are no part of the question.
     asked = CampaignSpec(
         **{name: getattr(spec, name) for name in fields},
         name="-",
@@ -123,6 +124,7 @@ def list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
 def flatten_spec(spec: CampaignSpec) -> dict[str, str]:
     """Return every value of a spec, defaults included, as text by dotted path."""
     plain = msgspec.to_builtins(fill_defaults(spec))
+    # All requirements are one text: paths into a list would compare requirements by their place.
     named = [f"{each.in_words()} (scale {each.scale:g})" for each in spec.all_requirements]
     values = list_leaves(plain | {"requirements": "; ".join(named)})
     return {
@@ -145,7 +147,7 @@ class SettingValues(msgspec.Struct, frozen=True):
 
     @property
     def differs(self) -> bool:
-        """Whether the campaigns have different values."""
+        """Return whether the campaigns have different values."""
         return len(set(self.values)) > 1
 
 
@@ -281,6 +283,7 @@ def _find_obstacle(a: Sequence[Campaign], b: Sequence[Campaign]) -> str:
         return f"{' and '.join(sorted(methods))} do not draw the same noise."
     if problem := _find_other_request([campaign.spec for campaign in (*a, *b)]):
         return problem
+    # Campaigns are paired by their seeds, so a seed may occur once on each side.
     seeds = [[campaign.spec.seed for campaign in side] for side in (a, b)]
     if any(len(set(side)) < len(side) for side in seeds):
         return "two campaigns of one side have the same seed."
@@ -301,6 +304,7 @@ def _find_other_request(specs: Sequence[CampaignSpec]) -> str:
         return "their noise differs in shape."
     if len({list_channels(spec) for spec in specs}) > 1:
         return "their noise differs in its channels."
+    # Settings are compared as text, because they may hold lists, which are not hashable.
     replayed = {repr(sorted(spec.settings.items())) for spec in specs}
     injects = traits_of(specs[0].method).injects is not Injection.NOTHING
     if injects and len(replayed) > 1:

@@ -21,6 +21,7 @@ from eigenfail_services.statistics.seed_spread import PairSums
 
 ReadCampaign = Callable[[int], values.Campaign]
 
+# Unlike every default, None among them.
 NEW = object()
 
 POOLED = (
@@ -136,6 +137,8 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
         # The same figures as on the page of that campaign.
         design = SamplingDesign.of_failures([read(pool.newest)])
     found = _make_pooled_rate(pool, design)
+    # Episodes that were drawn from p(x) are one sample, whatever their seeds. Episodes of a search
+    # depend on each other within a seed.
     seeds = pool.seeds if pool.seeds > 1 and not design.is_sampled else 0
     return MethodCost(
         method=pool.method,

@@ -27,7 +27,7 @@ MODULE = "eigenfail_services.comparison.region"
 
 
 APART = frozenset({"method", "planner", "simulator", "disturbance model"})
-"""What else may make the failure rates of campaigns differ."""
+"""Other things that may make the failure rates of campaigns differ."""
 
 
 PATIENCE_S = 120.0
@@ -138,6 +138,7 @@ def _refuse_repeats(ids: Sequence[int]) -> None:
     Raises:
         InvalidValue: there is none, or one is named twice.
     """
+    # The episodes of a campaign that is named twice would count twice.
     if not ids or len(set(ids)) < len(ids):
         raise InvalidValue("campaigns", f"{list(ids)} is not one or several different campaigns.")
 
@@ -178,6 +179,8 @@ def make_columns(
     names = sorted(set().union(*rows))
     seen = {name: {row.get(name) for row in rows} for name in names}
     varied = [name for name in names if len(seen[name]) > 1]
+    # A row without the parameter counts as None, which is not a number: every row has the
+    # parameters that remain.
     plain = [n for n in varied if all(isinstance(value, int | float) for value in seen[n])]
     values = np.array([[row[name] for name in plain] for row in rows], np.float64)
     left_out = [f"{n} is left out: its values are not numbers." for n in varied if n not in plain]
@@ -200,7 +203,7 @@ def _list_caveats(campaigns: Sequence[Campaign], episodes: int) -> Iterator[str]
 
 
 def reply(question: bytes) -> bytes:
-    """The region that was asked for."""
+    """Return the failing region for a question; both are encoded as MessagePack."""
     return msgspec.msgpack.encode(
         compute_region(msgspec.msgpack.decode(question, type=RegionQuery))
     )

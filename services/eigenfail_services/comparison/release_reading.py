@@ -1,4 +1,4 @@
-"""What releases are compared by: campaigns of a version, its code and settings, and its modes."""
+"""Reading of releases: campaigns of a version, its code and settings, and its modes."""
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -97,19 +97,19 @@ class ReadRelease(NamedTuple):
 
     @property
     def identity(self) -> tuple[Hashable, ...]:
-        """What the comparison of the release follows from: results never change."""
+        """Return the facts on which the comparison of the release depends; results never change."""
         modes = tuple((each.analysis, each.number) for each in self.sources)
         return self.release.campaigns, self.release.episodes, self.build, modes
 
     @property
     def code(self) -> str:
-        """The code of the release as text; empty where it is not known, or not one."""
+        """Return the code of the release as text; empty if it is unknown or differs."""
         (code,) = self.release.fingerprints if len(self.release.fingerprints) == 1 else ({},)
         return msgspec.json.encode(code, order="sorted").decode() if code else ""
 
     @property
     def build(self) -> str:
-        """Code and settings as text; empty where they are not known, or not the same throughout."""
+        """Return code and settings as text; empty if they are unknown or differ."""
         texts = {msgspec.json.encode(each, order="sorted") for each in self.settings.values()}
         return f"{self.code} {texts.pop().decode()}" if self.code and len(texts) == 1 else ""
 
@@ -139,6 +139,7 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
         episodes=sum(each.counts.completed for each in used),
         failures=sum(each.counts.failures for each in used),
         analysed=sum(each.behaviours.failures for each in sources),
+        # Campaigns that ask one question have one method.
         is_random=traits_of(used[0].spec.method).draws_from_prior,
         is_distinct=all(each.is_distinct for each in found),
         fingerprints=_list_different(code for of_one in codes.values() for code in of_one),
@@ -189,6 +190,7 @@ def _drop_repeated(campaigns: Sequence[Campaign]) -> list[Campaign]:
     newest: dict[tuple[object, ...], Campaign] = {}
     for each in campaigns:
         place = each.spec.seed, msgspec.json.encode(each.spec.settings, order="deterministic")
+        # A repetition that has completed nothing must not replace a campaign with results.
         if each.counts.completed or place not in newest:
             newest[place] = each
     return sorted(newest.values(), key=lambda each: each.id)
@@ -203,6 +205,7 @@ def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None
     analysis = store.analyses.find_newest(campaign.id)
     if analysis is None:
         return f"Campaign {campaign.id} is not analysed{_describe_next(store, campaign.id)}"
+    # A finished analysis never changes, so the cache needs no state.
     place = analysis, campaign.id
     try:
         found = _cached.get(store, place, None, lambda: _read_behaviours(store, analysis, campaign))
@@ -275,6 +278,8 @@ def _make_behaviours(
         return None
     rows = [motion.accelerations[campaign, course.index] for course in courses]
     steps = max(map(len, rows)) if from_start is None else from_start
+    # Failures that end in a collision are aligned at their ends, others at their starts; missing
+    # steps are 0.
     accelerations = np.zeros((len(rows), steps), np.float32)
     for line, row in zip(accelerations, rows, strict=True):
         line[slice(steps - len(row), None) if origin == "collision" else slice(len(row))] = row
@@ -314,6 +319,8 @@ def _compare_builds(read: ReadRelease, earlier: Sequence[ReadRelease]) -> Iterat
     version = read.release.version
     with_code = [each for each in earlier if each.code and each.code == read.code]
     with_build = [each for each in with_code if each.build and each.build == read.build]
+    # A release is compared with the newest that has the same build, else the same code, else with
+    # the one before.
     other = (with_build or with_code or [*earlier])[-1]
     differing = _list_other_settings(read, other)
     if with_build:

@@ -105,12 +105,15 @@ def _make_table(
         read_notes: sentences on campaigns that were not read.
     """
     versions: dict[str, list[Campaign]] = {}
+    # Oldest first: versions have the order of their first campaigns.
     for each in reversed(alike):
         versions.setdefault(each.spec.version, []).append(each)
     read = [
         release_reading.read_release(store, version, used) for version, used in versions.items()
     ]
     known = _read_modes(store, read)
+    # Names and triage are read now and not cached with the comparison: users change them at any
+    # time.
     modes = tuple(_name_modes(_compare_modes(store, read), known))
     return release.ReleaseTable(
         question=_make_question(alike),
@@ -147,6 +150,7 @@ class _VersionedCampaigns(NamedTuple):
 
 def _list_campaigns(store: Store) -> _VersionedCampaigns:
     """Return the newest campaigns that find failures of a version."""
+    # One campaign more than is used shows whether older ones were left out.
     found = store.campaigns.list_versioned(release_reading.MOST_CAMPAIGNS + 1)
     cut = (
         f"Only the newest {release_reading.MOST_CAMPAIGNS:,} campaigns with a version are read: "
@@ -350,6 +354,7 @@ def _name_modes(
 def _list_fixed(modes: Sequence[release.ReleaseMode], known: _ModesByPlace) -> Iterator[str]:
     """Yield which modes are marked fixed and are still there."""
     for mode in modes:
+        # Only the newest sighting that is marked fixed counts: one warning about a mode is enough.
         for one in reversed(mode.sightings):
             place = one.analysis, one.mode
             if place in known and known[place].state is TriageState.FIXED:

@@ -54,7 +54,7 @@ class _Member(NamedTuple):
 
     @property
     def first(self) -> float:
-        """Number of episodes up to the first failure; infinite without one."""
+        """Return the number of episodes up to the first failure; infinite without one."""
         found = self.summary.first_failure
         return inf if found is None else found + 1.0
 
@@ -109,6 +109,8 @@ def _make_spread(
     known = {member.seed for member in members}
     lost = sum(each.counts.errored for each in group if each.spec.seed not in known)
     pooled = _pool_rates(members, lost)
+    # Ties are broken by the first failure and then by the seed, so that the answer does not depend
+    # on the order of the campaigns.
     worst = min(members, key=lambda member: (member.share, -member.first, member.seed))
     return SeedSpread(
         name=_name_group(group[0].spec, names),
@@ -159,6 +161,8 @@ def _measure_known(values: Sequence[float | None], lowest: float = -inf) -> Seed
 
 
 def _find_first_failures(members: Sequence[_Member]) -> FirstFailures:
+    # A seed without a failure counts as infinitely many episodes, so the median is known if more
+    # than half of the seeds have a failure.
     ordered = sorted(member.first for member in members)
     middle = len(ordered) // 2
     median = (ordered[middle] + ordered[-middle - 1]) / 2.0
@@ -274,6 +278,7 @@ def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) 
             f"No campaign belongs to a suite '{suite}'.",
             "`eigenfail suite list` shows which suites there are.",
         )
+    # Campaigns come newest first: reversed, the newest of each member overwrites the others.
     newest = {member_of(each.spec.name): each for each in reversed(campaigns)}
     shown = dict(sorted(newest.items(), key=lambda one: -one[1].id)[:most])
     members = [(name, shown[name]) for name in newest if name in shown]

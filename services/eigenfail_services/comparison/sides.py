@@ -224,6 +224,8 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
     found = Comparison(
         a=left,
         b=right,
+        # Pairs saw the same noise, so their difference leaves less to chance than that of two
+        # separate rates.
         difference=_find_paired_difference(pairing, [*ones, *others])
         or _find_difference(left, right, ones, others),
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
@@ -241,6 +243,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *warn_of_seeds([*ones, *others]),
         *_warn_of_errors("A", ones),
         *_warn_of_errors("B", others),
+        # The last sentence is advice, which would be repeated for each campaign.
         *(note for one in (*ones, *others) for note in describe_mixed(one)[:-1]),
         *warn_of_unfinished([*ones, *others]),
     )
@@ -260,6 +263,7 @@ def _refuse_repeats(a: Sequence[int], b: Sequence[int]) -> None:
     for name, side in (("a", a), ("b", b)):
         if not side:
             raise InvalidValue(name, "names no campaign.", "Name at least one on each side.")
+    # A campaign that is named twice would count twice, or be compared with itself.
     named = [*a, *b]
     for campaign in named:
         if named.count(campaign) > 1:

@@ -54,7 +54,7 @@ class Store:
         self.gates = GateStore(database)
 
     def ping(self) -> None:
-        """Raises StoreUnavailable, within seconds, if the database does not answer.
+        """Raise StoreUnavailable, within seconds, if the database does not answer.
 
         Also if no writer gets its lock, or if a process, this one or another, could not write to
         it in the last five seconds. Nothing is written.
@@ -62,7 +62,7 @@ class Store:
         self._database.probe()
 
     def close(self) -> None:
-        """Let go of all connections."""
+        """Close all connections."""
         self._database.close()
 
 
@@ -95,6 +95,7 @@ def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Sto
         backend.require()
     database = Database(backend)
     with ExitStack() as undo:
+        # A database that is refused must not leave its connections and threads behind.
         undo.callback(database.close)
         ensure_newest(database, backend, migrate=migrate)
         undo.pop_all()

@@ -40,7 +40,7 @@ class Demand(NamedTuple):
 def refuse_beyond(
     key: int, name: str, quotas: access.Quotas, usage: access.Usage, specs: Sequence[CampaignSpec]
 ) -> None:
-    """Let the holder of a key make campaigns.
+    """Refuse campaigns that would exceed the quotas of a key.
 
     Raises:
         QuotaExceeded: it would be more than the key allows; it names the quota.
@@ -96,7 +96,7 @@ _LIMITS = sa.select(keys.c.name, *(keys.c[name] for name in access.Quotas.__stru
 def admit_campaigns(
     connection: sa.Connection, key: int | None, specs: Sequence[CampaignSpec]
 ) -> None:
-    """Check a new campaigns' demand against the quotas of a key; None has no quotas.
+    """Check the demand of new campaigns against the quotas of a key; None has no quotas.
 
     The key stays locked until the transaction ends.
 
@@ -105,6 +105,8 @@ def admit_campaigns(
     """
     if key is None:
         return
+    # Without this lock two simultaneous requests would each see only the earlier campaigns, and
+    # exceed the quota together.
     found = connection.execute(_LIMITS.where(keys.c.id == key).with_for_update()).first()
     if found is None:
         return
@@ -123,6 +125,8 @@ def count_usage(connection: sa.Connection, wanted: Sequence[int]) -> dict[int, a
 def _select_usage(wanted: Sequence[int], since_ms: int) -> sa.Select[Any]:
     is_open = campaigns.c.ended_ms.is_(None)
     is_new = campaigns.c.created_ms > since_ms
+    # Episodes that were left unrun when a campaign ended are counted as cancelled, and do not use
+    # up the quota.
     episodes = sa.case((is_new, campaigns.c.planned - campaigns.c.cancelled), else_=0)
     return (
         sa.select(
@@ -139,6 +143,8 @@ KEPT_CHANGES = 1_000_000
 """Lines of the audit log; older ones are deleted."""
 
 
+# Deleting old lines is a second statement. It runs with every thousandth line, so the log may be
+# longer than its limit by as many.
 PRUNED_EVERY = 1_000
 
 
@@ -226,6 +232,8 @@ class KeyStore:
     def exist(self) -> bool:
         """Return whether a key was ever created."""
         with self._database.reading() as connection:
+            # Revoked and expired keys count, too: a service must not open to everybody when its
+            # last key ends.
             return connection.execute(sa.select(keys.c.id).limit(1)).first() is not None
 
     def admins(self, at_ms: int) -> int:

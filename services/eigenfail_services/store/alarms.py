@@ -43,6 +43,8 @@ class FolderLock:
         """Lock the folder; a separate lock file might not fit on a full disk."""
         if self._handle is not None:
             return
+        # If the folder cannot be locked, the alarm stays silent. The write that failed is reported
+        # anyway.
         with suppress(OSError):
             handle = os.open(self._folder, os.O_RDONLY)
             if _try_lock(handle, fcntl.LOCK_EX):
@@ -80,7 +82,7 @@ class ProcessFlag:
         self._held = False
 
     def is_held(self, _connection: Connection) -> bool:
-        """Whether the flag is up."""
+        """Return whether the flag is up."""
         return self._held
 
 
@@ -99,8 +101,12 @@ class AdvisoryLock:
     """The lock of a database server."""
 
     KEY = "hashtext('eigenfail_distress')"
+    # The lock belongs to a session. It outlasts the transaction that failed, and the server
+    # releases it if this process dies.
     HOLD = text(f"SELECT pg_try_advisory_lock({KEY})")
     LET_GO = text(f"SELECT pg_advisory_unlock({KEY})")
+    # Several processes may look at the same time: a shared lock does not make one of them take
+    # another one for the holder.
     LOOK = text(f"SELECT pg_try_advisory_xact_lock_shared({KEY})")
     PROBE = text("SELECT 1")
 
@@ -115,6 +121,7 @@ class AdvisoryLock:
         with suppress(SQLAlchemyError):
             connection = self._engine.connect()
             if connection.execute(self.HOLD).scalar_one():
+                # The lock stays with the session; the transaction need not stand idle meanwhile.
                 connection.commit()
                 self._connection = connection
             else:
@@ -176,6 +183,7 @@ class WriteAlarm:
 
     def _wait(self, seconds: float) -> None:
         self._timer = Timer(seconds, self._lapse)
+        # A process that ends must not wait for its own alarm.
         self._timer.daemon = True
         self._timer.start()
 
@@ -184,6 +192,8 @@ class WriteAlarm:
             left_s = self._until_s - time.monotonic()
             if self._timer is None:  # it came to its end while we waited
                 return
+            # A further failure only moves the end: one timer waits again, so that failures do not
+            # add up to threads.
             if left_s > 0.0:
                 self._wait(left_s)
                 return

@@ -75,6 +75,8 @@ class AnalysisStore:
             .returning(*_BRIEF.columns)
         )
         with self._database.writing() as connection:
+            # A pruning that runs at the same time would delete noise that this analysis is about to
+            # read.
             hold_noise(connection, [campaign])
             read_campaign(connection, campaign)
             (analysis,) = _BRIEF.list(connection, statement)
@@ -119,6 +121,8 @@ class AnalysisStore:
             "result": pack(result),
         }
         with self._database.writing() as connection:
+            # The modes are inserted in the same transaction: no reader sees a finished analysis
+            # without its modes.
             if ended := _change(connection, analysis, columns):
                 _insert_modes(connection, ended, result)
 
@@ -203,6 +207,8 @@ class AnalysisStore:
         """
         link = {"analysis": analysis, "campaign": campaign}
         with self._database.writing() as connection:
+            # Two requests that add one link run one after the other; without the lock neither would
+            # find the link of the other.
             lock_campaign(connection, campaign)
             if campaign not in _replays(connection, analysis):
                 connection.execute(insert(replays).values(link))
@@ -230,8 +236,11 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
     """
     statement = (
         update(analyses)
+        # The state is part of the statement: if two processes end one analysis, only the first
+        # finds a row.
         .where(analyses.c.id == analysis, analyses.c.state.in_(UNFINISHED))
         .values(**columns)
+        # The result is returned as well, because messages to webhooks list the modes.
         .returning(*_WHOLE.columns)
     )
     after = _WHOLE.first(connection, statement)

@@ -73,10 +73,13 @@ def _insert_queued(
         QuotaExceeded: the key's quota of campaigns or episodes would be exceeded.
         NoisePruned: a spec names an episode whose noise was pruned.
     """
+    # The noise is held before it is checked: a pruning between the two steps would go unnoticed.
     hold_named_noise(connection, specs)
     refuse_pruned(connection, specs)
     admit_campaigns(connection, made_by, specs)
     made = tuple(insert_campaign(connection, spec, made_by) for spec in specs)
+    # All campaigns are inserted before the first event: from an event to the commit, every other
+    # writer waits for the counter of events.
     for campaign in made:
         enqueue(connection, JobKind.CAMPAIGN, campaign.id)
         append_event(connection, "campaign.created", describe_created(campaign), campaign.id)
@@ -94,6 +97,7 @@ def _find_made_with(
     query = select(idempotency_keys).where(idempotency_keys.c.key.in_(keys))
     known = {row.key: row for row in connection.execute(query)}
     for row in known.values():
+        # Returning the earlier campaign would hide that this request has created nothing.
         if row.spec_hash != asked:
             raise make_reuse_error(row.campaign)
     return tuple(read_campaign(connection, known[key].campaign) for key in keys if key in known)

@@ -23,6 +23,8 @@ from eigenfail_services.store.schema import campaigns, episode_index, episodes
 
 # Built once: they are executed with every group of results.
 _BY_ID = select(campaigns).where(campaigns.c.id == bindparam("campaign"))
+# In PostgreSQL this lock (FOR NO KEY UPDATE) lets other transactions insert rows that refer to the
+# campaign. SQLite has one writer at a time anyway.
 _BY_ID_LOCKED = _BY_ID.with_for_update(key_share=True)
 _SET_COUNTS = update(campaigns).where(campaigns.c.id == bindparam("campaign"))
 
@@ -114,6 +116,8 @@ def count_columns(counts: Counts) -> dict[str, int]:
 
 def hash_results(connection: Connection, campaign: int) -> str:
     """Return the SHA-256 over one line "index digest" for each result, in index order."""
+    # The order of the index makes equal campaigns have equal digests, in whatever order results
+    # arrived. A campaign may have ten million results, so they are read in portions.
     query = (
         select(episode_index, episodes.c.digest)
         .where(episodes.c.campaign == campaign)

@@ -328,12 +328,16 @@ def _move_campaign(
     claim: Job | None = None,
 ) -> Campaign:
     """Move a campaign: change its row and its job, and log an event."""
+    # Every transaction locks the campaign first, its job second and the counter of events last. In
+    # different orders two transactions could wait for each other.
     before = lock_campaign(connection, campaign)
     fence(connection, claim)
     after = move_campaign(before, to, because, now_ms())
+    # A repeated request has no second effect: no event and no job.
     if after is before:
         return before
     if after.state is CampaignState.DONE:
+        # The campaign is locked, so no result can arrive between this digest and the final state.
         after = replace(after, digest=hash_results(connection, campaign))
     update_campaign(connection, after)
     if after.state is CampaignState.QUEUED:
@@ -425,5 +429,6 @@ def _to_standing(row: Row[Any], states: _States) -> SuiteStanding:
         campaigns=row.campaigns,
         states=states[row.suite],
         errored=row.errored,
+        # PostgreSQL returns sums of integers as Decimal.
         **{name: int(getattr(row, name)) for name in _SUMS},
     )

@@ -19,7 +19,7 @@ from eigenfail_services.store.schema import checkpoints
 log = structlog.get_logger()
 
 KEPT_CHECKPOINTS = 2
-"""Of each campaign: the last one, and the one to fall back to."""
+"""Checkpoints that are kept of each campaign: the last one, and the one to fall back to."""
 
 
 class NewestCheckpoint(NamedTuple):
@@ -66,10 +66,13 @@ class CheckpointStore:
             lock_campaign(connection, campaign)
             fence(connection, claim)
             update_learner(connection, campaign, estimate, trained_episodes)
+            # The lock on the campaign keeps another process from taking the same number.
             number = connection.execute(last).scalar_one() + 1
             connection.execute(
                 insert(checkpoints).values(campaign=campaign, number=number, **values)
             )
+            # The new checkpoint and the deletion are one transaction: a crash leaves a checkpoint
+            # to start from.
             oldest = checkpoints.c.number <= number - KEPT_CHECKPOINTS
             connection.execute(delete(checkpoints).where(ours, oldest))
 
@@ -93,6 +96,8 @@ class CheckpointStore:
         with self._database.writing() as connection:
             lock_campaign(connection, campaign)
             fence(connection, claim)
+            # The fence above comes first: a process that has lost the campaign must not delete
+            # checkpoints of its successor.
             state, damaged = _find_newest(connection, campaign)
             if damaged:
                 _drop_damaged(connection, campaign, damaged)
@@ -127,7 +132,7 @@ def _drop_damaged(connection: Connection, campaign: int, damaged: tuple[int, ...
 
 
 def tell_damaged(campaign: int) -> None:
-    """A line in the log."""
+    """Log that a checkpoint is damaged and that the one before it is used."""
     log.warning("checkpoint damaged, the one before it is used", campaign=campaign)
 
 

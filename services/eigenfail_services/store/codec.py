@@ -125,6 +125,7 @@ def to_scene(blob: bytes) -> Scene:
 def to_failure_course(index: int, blob: bytes) -> FailureCourse:
     """Read the course of a failure from its scene in MessagePack."""
     course = _courses.decode(blob)
+    # An array of MessagePack is a view: without the copy it would keep the whole scene in memory.
     return make_failure_course(index, course.dt_s, course.vehicles, course.sizes.copy())
 
 
@@ -160,6 +161,8 @@ def to_campaign(found: RowMapping) -> Campaign:
         spec=spec,
         state=CampaignState(values.pop("state")),
         counts=counts,
+        # An errored episode may hide a failure, which makes the estimate a lower bound. It may have
+        # errored after the estimate was stored.
         estimate=found_estimate and found_estimate.bound_below(counts.errored),
         parts=() if parts is None else _parts.decode(parts),
         code=() if code is None else _codes.decode(code),

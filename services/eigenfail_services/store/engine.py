@@ -19,7 +19,7 @@ MISTAKES = (exc.IntegrityError, exc.ProgrammingError, exc.DataError, exc.NotSupp
 
 
 class Backend(Protocol):
-    """What differs between databases.
+    """The operations that differ between databases.
 
     Attributes:
         label: the address, fit to be shown.
@@ -94,7 +94,7 @@ INTERVAL_S = 0.005
 
 CROWDED_WAIT_S = 5.0
 CROWDED_RETRY_S = 0.05
-"""How long, and how often, a connection is asked for that the server refuses as one too many."""
+"""Time and interval of attempts to connect to a server that has too many connections. [s]"""
 
 CHUNK = 500
 """Numbers that one statement names, and rows that are fetched at a time, at most."""
@@ -202,6 +202,8 @@ class Database:
                 while not wait([committed], INTERVAL_S).done:
                     meanwhile()
             finally:
+                # The thread may still be committing if `meanwhile` raised: the transaction must not
+                # be closed under it.
                 committed.result()
 
         return commit
@@ -253,6 +255,7 @@ def translate_errors(backend: Backend) -> Iterator[None]:
         OSError,
         sqlite3.Error,
     ) as error:
+        # The driver's error is not kept as the cause, because its text may hold the password.
         raise to_unavailable(backend, error) from None
 
 

@@ -129,6 +129,7 @@ def _insert_results(connection: sa.Connection, campaign: int, kept: Sequence[Kep
     if not kept:
         return
     at_ms = now_ms()
+    # Episodes are inserted first: the rows of the other tables refer to them.
     _insert_rows(connection, episodes, make_rows(campaign, kept, at_ms))
     _insert_rows(connection, trajectories, [_blobs(campaign, one.result) for one in kept])
     seen = [
@@ -180,6 +181,8 @@ def _compile_insert(table: sa.Table, columns: tuple[str, ...], dialect: str) -> 
 
 
 def _add_death(connection: sa.Connection, campaign: int, index: int) -> int:
+    # No upsert is needed: the campaign is locked, so no other transaction inserts the row between
+    # these two statements.
     count = (
         sa.update(deaths)
         .where(deaths.c.campaign == campaign, deaths.c["index"] == index)

@@ -44,7 +44,7 @@ class _Place(NamedTuple):
 
     @property
     def cursor(self) -> int:
-        """The place as one number: no campaign has more than `MAX_EPISODES` episodes."""
+        """Return the place as one number: no campaign has more than `MAX_EPISODES` episodes."""
         return self.campaign * MAX_EPISODES + self.episode
 
 
@@ -167,7 +167,9 @@ def _select_of_campaigns(
         for campaign in chosen
     ]
     if not parts:
+        # A union needs at least one part. This query has the same columns and no rows.
         return sa.select(*_COLUMNS).where(_c.campaign < 0)
+    # SQLite accepts an order and a limit in a part of a union only if the part is a subquery.
     merged = sa.union_all(*(sa.select(*part.c) for part in parts)).subquery()
     return sa.select(*merged.c)
 

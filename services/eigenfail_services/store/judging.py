@@ -1,4 +1,4 @@
-"""Which delivered results are stored, and what follows: pure functions."""
+"""Judging of delivered results: which are stored, and what follows. All functions are pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
@@ -74,6 +74,8 @@ def judge(
         judgement.verdicts.append(verdict)
         if verdict is Verdict.KEPT:
             judgement.kept.append(_to_kept(delivery, form))
+            # A second result of the episode may be in the same group, and is compared with this
+            # one.
             digests[delivery.result.index] = judgement.kept[-1].digest
         if verdict is Verdict.ALARM:
             judgement.alarms.append(delivery)
@@ -94,6 +96,8 @@ def _verdict(
 
 def _to_kept(delivery: Delivery, form: NoiseForm) -> Kept:
     result = delivery.result
+    # The digest covers the result as it was delivered, because that is how a later duplicate will
+    # be compared.
     return Kept(make_storable(result, form), delivery.worker, result.digest())
 
 
@@ -172,6 +176,7 @@ def _finite_measures(measures: Measures | None) -> Measures | None:
     invalid = [
         name for name, largest, value in values if value is not None and not 0 <= value <= largest
     ]
+    # In a row, an episode without a robustness counts as one without measures.
     if "robustness_m" in invalid:
         return None
     changes: dict[str, Any] = dict.fromkeys(invalid)
@@ -184,6 +189,7 @@ def _finite_measures(measures: Measures | None) -> Measures | None:
 
 def keep_finite(number: float | None) -> float | None:
     """Return the number if it is finite, and no larger than anything that is measured."""
+    # NaN fails this comparison, too.
     return number if number is not None and abs(number) <= MAX_MAGNITUDE else None
 
 

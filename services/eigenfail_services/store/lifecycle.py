@@ -15,6 +15,8 @@ MOVES: Mapping[CampaignState, frozenset[CampaignState]] = {
     # Dead without having run: its supervisor was lost every time before it could begin.
     S.QUEUED: frozenset({S.RUNNING, S.PAUSED, S.CANCELLED, S.DEAD}),
     S.RUNNING: frozenset({S.PAUSING, S.CANCELLING, S.DONE, S.DEAD}),
+    # A campaign may end by itself before the supervisor has seen what a user asked for: so these
+    # states lead to done, too.
     S.PAUSING: frozenset({S.PAUSED, S.CANCELLING, S.RUNNING, S.DONE, S.DEAD}),
     S.PAUSED: frozenset({S.QUEUED, S.CANCELLED}),
     S.CANCELLING: frozenset({S.CANCELLED, S.DONE, S.DEAD}),

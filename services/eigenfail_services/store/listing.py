@@ -41,7 +41,7 @@ _CLASS = sa.case(
     (_COLLIDED & _HOPELESS, ConflictClass.UNAVOIDABLE.value),
     (_COLLIDED, ConflictClass.PLANNER_FAILURE.value),
 )
-"""As `assess` classifies episodes."""
+"""Conflict class of an episode as an SQL expression, with the classes of `assess`."""
 
 
 def _select_mode() -> Expression:

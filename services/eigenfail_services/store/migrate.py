@@ -106,6 +106,8 @@ def upgrade_with(backend: Backend) -> None:
     from alembic import command
 
     with schema_transaction(backend) as connection:
+        # The version is read again under the lock: another process may have upgraded the schema
+        # meanwhile.
         refuse_unknown(find_version(connection), backend.label)
         command.upgrade(alembic_config(connection), "head")
 
@@ -115,6 +117,7 @@ def alembic_config(connection: Connection | None = None) -> Config:
     from alembic.config import Config
 
     config = Config()
+    # Alembic reads its options with ConfigParser, in which a single % begins a reference.
     config.set_main_option("script_location", str(find_migrations()).replace("%", "%%"))
     config.attributes["connection"] = connection
     return config

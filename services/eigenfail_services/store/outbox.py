@@ -32,7 +32,7 @@ KEPT_DELIVERIES = 20_000
 PRUNED_EVERY = 1_000
 
 MOST_SENTENCES, LONGEST_SENTENCE = 20, 500
-"""Of the conclusions of a gate in a message, in number and in characters."""
+"""Most conclusions of a gate in a message, and most characters of each."""
 
 _out = webhook_deliveries.c
 

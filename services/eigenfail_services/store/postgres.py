@@ -65,7 +65,7 @@ PROBE_LIMIT = "SET LOCAL statement_timeout = '2s'"
 PROBE_LOCK_LIMIT = "SET LOCAL lock_timeout = '500ms'"
 TABLES = ", ".join(f'"{table}"' for table in metadata.tables)
 TAKE_LOCKS = f"LOCK TABLE {TABLES} IN ROW EXCLUSIVE MODE"
-"""What every writer takes; a session that keeps out readers or writers keeps out this one, too."""
+"""Locks that every writer takes: a session that keeps out readers or writers blocks them, too."""
 
 TAKES_WRITES = "SHOW transaction_read_only"
 

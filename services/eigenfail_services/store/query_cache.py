@@ -62,6 +62,8 @@ class AnswerCache:
     def get(self, key: Hashable, results: int, make: Callable[[], Answer]) -> Answer:
         """Return the answer to a question of at least `results` results, computed if necessary."""
         entry = self._entry(key)
+        # Each entry has a lock of its own: threads with the same question wait for one answer, and
+        # other threads do not wait.
         with entry.lock:
             if entry.results < results:
                 entry.answer, entry.results = make(), results
@@ -122,7 +124,7 @@ class CachedQueries:
 
     @contextmanager
     def as_of(self, campaign: Campaign) -> Iterator[None]:
-        """Within the block, take the number of a campaign's results from a campaign as read before.
+        """Within the block, take the number of results from a campaign that was read before.
 
         No query then reads that number again, and all answers about the campaign are of at least
         these results.
@@ -234,6 +236,8 @@ def _select_pools() -> sa.Select[*tuple[Any, ...]]:
     )
     same = [facts[name] for name in (*_PEERS, "method")]
     newest = sa.func.max(facts.id).label("newest")
+    # The squares of counts below exceed the integers of PostgreSQL, which have 32 bits in these
+    # columns.
     counted, crashes = facts.completed > 0, sa.cast(facts.failures, sa.Double)
     return (
         sa.select(
@@ -282,6 +286,8 @@ def _to_pool(found: dict[str, Any]) -> Pool:
     parts = {name: text and msgspec.json.decode(text) for name, text in texts.items()}
     found["judges_failures"] = bool(found["judges_failures"])
     different, kinds, in_vain = (found.pop(name) for name in ("different", "kinds", "in_vain"))
+    # An interval across seeds needs campaigns that differ in their seeds alone. One that cost
+    # something and completed nothing would be missing from it.
     if different < found["seeds"] or kinds > 1 or in_vain:
         found["seeds"] = 0
     return Pool(peers=msgspec.convert(given | parts, Peers), **found)

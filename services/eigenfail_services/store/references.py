@@ -1,4 +1,4 @@
-"""Which campaigns and episodes others refer to, and which of them have lost their noise.
+"""References to campaigns and episodes, and which of these have lost their noise.
 
 Settings name campaigns whose noise is injected or learnt from, and analyses read it.
 """
@@ -29,7 +29,7 @@ UNFINISHED = frozenset({values.AnalysisState.QUEUED, values.AnalysisState.RUNNIN
 
 
 class Named(msgspec.Struct, frozen=True):
-    """Of a spec, what may name campaigns."""
+    """The part of a spec that may name campaigns."""
 
     settings: Mapping[str, Any] = {}
 
@@ -57,6 +57,7 @@ def find_named_campaigns(settings: Mapping[str, Any]) -> Iterator[int]:
 
 def _ids(value: Any) -> Iterator[int]:
     found = value if isinstance(value, list | tuple) else [value]
+    # `isinstance` would accept True, which is not an id.
     return (each for each in found if type(each) is int and 0 <= each <= MAX_NUMBER)
 
 
@@ -88,6 +89,8 @@ def hold_named_noise(connection: sa.Connection, specs: Iterable[values.CampaignS
 def hold_noise(connection: sa.Connection, wanted: Collection[int]) -> None:
     """Keep these campaigns from losing noise until the transaction ends."""
     held = sa.select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
+    # A shared lock (FOR SHARE): several transactions may need the same noise, and a pruning, which
+    # locks the row for itself, waits for all of them.
     connection.execute(held.with_for_update(read=True)).all()
 
 

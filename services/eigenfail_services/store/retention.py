@@ -80,6 +80,8 @@ class RetentionStore:
             subject = lock_campaign(connection, campaign)
             if subject.state not in FINAL_STATES:
                 raise make_running_error(subject)
+            # Creating a campaign or an analysis needs a lock on the campaigns that it names, so no
+            # new use begins after this check.
             if campaign in find_noise_in_use(connection, campaign):
                 raise make_needed_error(campaign)
             found = _next_slice(connection, campaign, rule, begun)
@@ -114,6 +116,8 @@ def _select_with_blobs(*columns: sa.ColumnElement[Any]) -> Any:
 def _is_losable(campaign: int, rule: Retention) -> tuple[sa.ColumnElement[bool], ...]:
     return (
         episodes.c.campaign == campaign,
+        # These conditions are those of `NOISE_PRUNED`. Noise that is missing and that no pruning
+        # explains counts as a defect.
         episodes.c.outcome == Outcome.SAFE,
         episodes.c.source == rule.source,
         episode_index % rule.keep_every != 0,
@@ -153,6 +157,7 @@ def _delete_blobs(connection: sa.Connection, campaign: int, found: list[Any]) ->
     if sights:
         seen = (scenes.c.campaign == campaign, scenes.c["index"].in_(sights))
         connection.execute(sa.delete(scenes).where(*seen))
+        # A row that still promised its scene would be a defect for `eigenfail db verify`.
         ours = (episodes.c.campaign == campaign, episode_index.in_(sights))
         connection.execute(sa.update(episodes).where(*ours).values(has_scene=False))
 

@@ -24,6 +24,7 @@ KEPT_ARRIVALS = 100_000
 """Arrivals of workers; older ones are deleted."""
 
 PRUNED_EVERY = 1_000
+# A database may return ids in any order, and the caller matches them to workers by their place.
 _ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
 
 _ROWS = StructRows(arrivals, Presence, {"versions": msgspec.json.decode})
@@ -110,6 +111,7 @@ def _delete_abandoned_offers(connection: Connection, at_ms: int) -> None:
 
 
 def _prune(connection: Connection, numbers: Sequence[int]) -> None:
+    # Several workers arrive in one transaction, and the thousandth may be any of them.
     if any(number % PRUNED_EVERY == 0 for number in numbers):
         oldest = numbers[-1] - KEPT_ARRIVALS
         connection.execute(delete(arrivals).where(arrivals.c.id <= oldest))

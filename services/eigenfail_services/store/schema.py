@@ -46,7 +46,7 @@ class Number(sa.TypeDecorator[int]):
         return sa.Integer() if dialect.name == "sqlite" else sa.BigInteger()
 
     def process_bind_param(self, value: int | None, _dialect: sa.Dialect) -> int | None:
-        """Within 64 bits."""
+        """Return a number that is clamped to 64 bits."""
         return None if value is None else max(-MAX_NUMBER, min(value, MAX_NUMBER))
 
 
@@ -66,7 +66,7 @@ class Prose(sa.TypeDecorator[str]):
     cache_ok = True
 
     def process_bind_param(self, value: str | None, _dialect: sa.Dialect) -> str | None:
-        """Half characters and NUL are replaced, and the end is cut off."""
+        """Return the text without half characters and NUL, and cut off at its limit."""
         return None if value is None else clean_prose(value)
 
 
@@ -156,7 +156,7 @@ ENDED_COLUMNS = (
     "drac_violated_s",
     "drac_at_warning_mps2",
 )
-"""What sums over the failures of a campaign read: the index that holds it answers them alone."""
+"""Columns that sums over the failures of a campaign read: one index holds all of them."""
 
 episodes = sa.Table(
     "episodes",
@@ -520,7 +520,7 @@ instance_hours = (
 """Time that the instances of a campaign took, as an SQL expression. [h]"""
 
 spent_usd = instance_hours * sa.cast(spec_field("price_usd_per_hour"), sa.Double)
-"""What they cost. [USD]"""
+"""Cost of the instances of a campaign, as an SQL expression. [USD]"""
 
 
 @compiles(SpecFieldExpression, "sqlite")

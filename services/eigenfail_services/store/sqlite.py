@@ -59,11 +59,11 @@ LONGEST_PATH = 504
 """SQLite's own limit of 512, without the ending of a log beside the file. [bytes]"""
 
 SMALLEST_PAGE = 512
-"""What SQLite writes at a time, at least. [bytes]"""
+"""Least number of bytes that SQLite writes at a time."""
 
 WAL_ENDING, SHM_ENDING = "-wal", "-shm"
 OPENED = "files"
-"""Under which name a connection keeps which files it has opened."""
+"""Key under which a connection keeps the files that it has opened."""
 
 UNREACHABLE = (
     "Check that its folder exists, can be written and has room, and that the user of the service "
@@ -273,7 +273,7 @@ class Sqlite(_SqliteErrors):
         return connection
 
     def _recognize(self, before: Identity | None) -> None:
-        """Raises StoreUnavailable unless the file is the one that was opened first."""
+        """Raise StoreUnavailable unless the file is the one that was opened first."""
         now = _look(self._path).database
         if now is None:
             raise self._gone()
@@ -297,7 +297,7 @@ class Sqlite(_SqliteErrors):
         return size < SMALLEST_PAGE
 
     def _compare_log(self, now: OpenedFiles, opened: OpenedFiles) -> None:
-        """Raises StoreUnavailable unless write-ahead log and index are those that are open."""
+        """Raise StoreUnavailable unless write-ahead log and index are those that are open."""
         if (now.wal, now.shm) != (opened.wal, opened.shm):
             ending = WAL_ENDING if now.wal != opened.wal else SHM_ENDING
             raise StoreUnavailable(
@@ -431,7 +431,7 @@ _COMPILED: dict[Any, Any] = {}
 
 @cache
 def _memory_dialect() -> sa.Dialect:
-    """The dialect of all databases in memory.
+    """Return the dialect of all databases in memory.
 
     Compiled statements belong to a dialect. As all have one, each is compiled once for a process,
     and not once for each of the many databases that a process may have in memory.

@@ -32,7 +32,7 @@ from eigenfail_services.store.schema import (
 )
 
 _CHUNK = 10_000
-"""How many rows are fetched at a time."""
+"""Number of rows that are fetched at a time."""
 
 _Column = NDArray[np.float64]
 
@@ -45,12 +45,12 @@ _MAY_COLLIDE = (
     sa.func.coalesce(episodes.c.outcome, sa.null()) == values.Outcome.SAFE,
     episodes.c.collided_s.is_(None),
 )
-"""What holds of the episodes among which the unresolved ones are."""
+"""Conditions on the episodes among which the unresolved ones are."""
 
 _IS_DOUBTFUL = sa.or_(
     episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2, episodes.c.final_drac_mps2.is_(None)
 )
-"""What holds, besides, of those that are unresolved or may be."""
+"""Further condition on those that are unresolved, or may be."""
 
 
 def _read_columns(
@@ -71,6 +71,8 @@ def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[value
         sa.select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
         .add_columns(episodes.c.steps, sa.cast(sa.and_(*_MAY_COLLIDE, _IS_DOUBTFUL), sa.Integer))
         .where(episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED)
+        # Rows are read in the order in which they were written, one behind the other, and are
+        # sorted below.
         .order_by(episodes.c.finished_ms, episode_index)
     )
     landed = _read_columns(connection, query)
@@ -269,6 +271,7 @@ def sum_spending(connection: sa.Connection, campaign: int, most: int) -> values.
     found = connection.execute(_select_progress(campaign, completed, most)).all()
     return values.SpendingTotals(
         completed_worker_s=found[-1].worker_s if found else 0.0,
+        # `fsum` does not depend on the order of its terms, and these rows have no fixed order.
         errored_worker_s=fsum(connection.execute(errored).scalars()),
         progress=tuple(
             values.StoredProgress(each.finished_ms, each.place, each.failures) for each in found
@@ -302,7 +305,7 @@ def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tup
 
 
 _TRIALS_CHUNK = 10_000
-"""How many rows are fetched at a time."""
+"""Number of rows that are fetched at a time."""
 
 _TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 

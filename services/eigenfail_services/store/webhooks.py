@@ -22,6 +22,7 @@ from eigenfail_services.store.errors import make_webhook_error
 from eigenfail_services.store.outbox import Outbox, select_deliveries
 from eigenfail_services.store.schema import webhook_deliveries, webhooks
 
+# Only a claimed delivery needs the secret: what lists do not read cannot leak from them.
 _SHOWN = tuple(column for column in webhooks.c if column is not webhooks.c.secret)
 
 
@@ -91,6 +92,8 @@ class WebhookStore:
         """
         place = webhooks.c.id == webhook
         with self._database.writing() as connection:
+            # Everyone locks the webhook before its deliveries, so that no two transactions wait for
+            # each other. An event that is queued meanwhile waits.
             query = select(*_SHOWN).where(place).with_for_update()
             found = connection.execute(query).mappings().one_or_none()
             if found is None:

@@ -147,10 +147,14 @@ def backup(address: str, file: Path, *, force: bool = False) -> Backup:
     path = _find_path(address, "pg_dump --format=custom --no-owner --file=FILE --dbname=DATABASE")
     backend.require()
     _refuse_existing(file, path, force)
+    # A power cut leaves the earlier backup or the whole new one: the content is on the disk before
+    # the name changes, and the name before the backup is reported.
     with _open_draft(file) as draft:
         _copy_pages(path, draft)
+        # The copy is checked before it replaces an earlier backup.
         revision, size = _read_revision(draft), draft.stat().st_size
         _sync(draft)
+        # Another program may have created the file while the pages were copied.
         _refuse_existing(file, path, force)
         draft.replace(file)
         _sync(file.parent)
@@ -177,6 +181,7 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
     if file.exists() and not file.is_file():
         # A pipe or a device would be waited for.
         raise _explain_no_backup(file, "it is not a regular file.")
+    # The backup is checked before a database is created or changed.
     revision = _read_revision(file)
     refuse_unknown(revision, str(file))
     backend = find_backend(address)
@@ -267,6 +272,7 @@ def belongs_to(path: Path, file: Path) -> bool:
 def _open_draft(file: Path) -> Iterator[Path]:
     """Yield a private file in the same folder, which is deleted after the block unless renamed."""
     with _translate_os_errors(file):
+        # Only within one folder is a rename atomic for sure; another folder may be on another disk.
         handle, name = tempfile.mkstemp(DRAFT_SUFFIX, f".{file.name}.", file.parent)
         os.close(handle)
         draft = Path(name)

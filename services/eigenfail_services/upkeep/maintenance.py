@@ -59,6 +59,7 @@ def vacuum(address: str) -> Vacuumed:
         SchemaMismatch: its schema is not this program's.
         ServiceError: the database is in use, or there is no room to work in.
     """
+    # Opening it refuses a database that is not this program's, before its file is rewritten.
     open_store(address, migrate=False).close()
     sweeper = find_vacuum_program(address)
     before = sweeper.size()
@@ -135,6 +136,7 @@ class PostgresVacuum:
     def __init__(self, address: str) -> None:
         self._backend = find_backend(address)
         engine = self._backend.schema_engine()
+        # VACUUM cannot run inside a transaction.
         self._engine = engine.execution_options(isolation_level="AUTOCOMMIT")
 
     def size(self) -> int:
@@ -171,7 +173,7 @@ PAGE = 200
 
 
 DAY_MS = 86_400_000
-"""Methods whose episodes are all evidence: proofs read their noise."""
+"""Ages of campaigns are given in days, and their ends are stored in milliseconds."""
 
 
 class PruneSelection(msgspec.Struct, frozen=True):
@@ -219,6 +221,8 @@ def prune(address: str, rule: Retention, which: PruneSelection) -> PruneReport:
     """Remove noise and record that; raises what `rehearse` does, and StoreUnwritable."""
     who = _find_user()
     with closing(open_store(address, migrate=False)) as store:
+        # All campaigns are found before the first is pruned: a wrong name is refused while nothing
+        # has been deleted.
         found = [
             _prune_campaign(store, each, rule, who) for each in list(_find_campaigns(store, which))
         ]

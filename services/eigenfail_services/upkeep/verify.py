@@ -146,6 +146,7 @@ def _check_ended(connection: sa.Connection) -> Iterator[Defect]:
 def _is_left_over(kind: JobKind) -> sa.ColumnElement[bool]:
     """Return the condition for free jobs of a kind whose subject has ended or does not exist."""
     subject = SUBJECTS[kind]
+    # A job with a lease is at work, and its owner may be about to remove it.
     alive = sa.and_(subject.c.id == jobs.c.subject, subject.c.state.not_in(ENDED_STATES[kind]))
     return sa.and_(
         jobs.c.kind == kind, NOT_DEAD, LEASE_OVER, ~sa.exists().where(alive).correlate(jobs)
@@ -273,10 +274,13 @@ def _recount_campaigns(connection: sa.Connection) -> Iterator[str]:
         for query in (_select_miscounted(), _select_open_but_ended())
         for found in connection.execute(query)
     }
+    # Two repairs at a time lock campaigns in one order, so that they do not wait for each other.
     for suspect in sorted(suspects):
         # The counts may have changed before the lock, so the rows are counted again under it.
         campaign = lock_campaign(connection, suspect)
         counts = _count_campaign(connection, campaign)
+        # The schema refuses more ended episodes than planned, so such counts cannot be corrected
+        # here.
         if counts.completed + counts.errored > counts.planned or counts == campaign.counts:
             continue
         change = sa.update(campaigns).where(campaigns.c.id == suspect)
@@ -304,6 +308,7 @@ def _count_campaign(connection: sa.Connection, campaign: values.Campaign) -> val
         failures=failures,
         errored=errored,
         cancelled=planned - ended if campaign.state in values.FINAL_STATES else 0,
+        # Duplicates have no rows to be counted.
         duplicates=campaign.counts.duplicates,
     )
 
@@ -442,6 +447,7 @@ def _find_differences(store: Store, campaign: int, indices: Sequence[int]) -> It
     )
     try:
         for replayed in again:
+            # What is still in the list when the replays break off was not run.
             where, digest = waiting.pop(0)
             if isinstance(replayed, errors.ServiceError):
                 yield Defect(where, f"It cannot be run here: {replayed.problem}", REPLAY_REMEDY)
@@ -486,7 +492,9 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
             return Verification(backend.label, (_describe_unreadable(error),))
         if any(check.defects for check in checks):
             return Verification(backend.label, checks)
+        # The version is read after the pages were checked: a damaged file may hold any version.
         schema.ensure_newest(database, backend, migrate=False)
+        # The repair comes first, so that the checks report what is left.
         mended = repair_database(database) if repair else ()
         more = (make_replay_check(database, how_many_replays),) if how_many_replays else ()
         checks += _run_checks(database, (*ROW_CHECKS.get(kind, ()), *CHECKS, *more))
@@ -507,6 +515,8 @@ def _run_check(database: Database, question: IntegrityCheck) -> Check:
     """Return a check's first defects and their total number."""
     with database.reading() as connection:
         defects = question.ask(connection)
+        # All defects are counted and only the first ones kept: a damaged database may have
+        # millions.
         shown = tuple(islice(defects, MAX_SHOWN))
         return Check(
             name=question.name,

@@ -44,7 +44,7 @@ NOT_PUBLIC: tuple[IpNetwork, ...] = (
 
 WEB_PORTS = frozenset({80, 443})
 FIRST_USER_PORT = 1024
-"""Below it are the ports of other protocols, such as mail."""
+"""First port for events except 80 and 443: lower ports are of other protocols, such as mail."""
 
 
 class AddressRefused(Exception):

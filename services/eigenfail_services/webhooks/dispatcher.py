@@ -31,7 +31,7 @@ SLOTS = MAX_WEBHOOKS
 """Attempts at a time; a webhook has one at most, so that none waits for another one's."""
 
 ATTEMPT_S = 15.0
-"""For an attempt from the resolution of the name to the status of the answer."""
+"""Time limit of an attempt, from the resolution of the name to the status of the answer. [s]"""
 
 LEASE_S = 45.0
 """Longer than an attempt and its record in the database, so that a living process keeps it."""
@@ -42,7 +42,7 @@ FIRST_RETRY_S = 5.0
 RETRY_FACTOR = 4
 LONGEST_RETRY_S = 6 * 3_600.0
 MAX_ATTEMPTS = 10
-"""Over 19.6 hours, by the delays between them."""
+"""Most attempts of a delivery; their delays add up to 19.6 hours."""
 
 DEFAULT_PORTS = {"http": 80, "https": 443}
 
@@ -120,6 +120,8 @@ async def send_delivery(
                 httpx2.AsyncClient(verify=tls, trust_env=False, timeout=ATTEMPT_S) as client,
                 client.stream(
                     "POST",
+                    # The name stays in the Host header and in TLS: the certificate of the receiver
+                    # is for the name, not for the address.
                     url.copy_with(host=address),
                     headers=headers,
                     content=body,
