@@ -187,6 +187,7 @@ def create_app(
     app.mount("/static", Assets(directory=STATIC), name="static")
     app.openapi = lambda: openapi.build_document(app)  # type: ignore[method-assign]  # FastAPI's own way
     # The middleware added last sees a request first.
+    # Inside of RequestCounter, which would count a client who has gone as an error of the service.
     app.add_middleware(Disconnects)
     app.add_middleware(EntityTags)
     app.add_middleware(HeadRequests)
@@ -209,6 +210,8 @@ def create_app(
     app.add_middleware(SecurityHeaders)
     if settings.proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=[*settings.proxies])
-    # Outermost: ProxyHeadersMiddleware replaces the address that the connection came from.
+    # ProxyHeadersMiddleware replaces the address that the connection came from.
     app.add_middleware(PeerRecorder)
+    # Once more, outermost: refusals are answers, too, and their clients may have gone.
+    app.add_middleware(Disconnects)
     return app

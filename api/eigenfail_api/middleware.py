@@ -6,6 +6,7 @@ from itertools import takewhile
 from pathlib import PurePosixPath
 
 from anyio import BrokenResourceError, CancelScope
+from h11 import LocalProtocolError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.routing import Match
@@ -184,7 +185,8 @@ class Disconnects:
     """Middleware: ignore errors that come from clients who disconnect during a request.
 
     Code that writes a stream or reads a body notices late that the client has gone. A client must
-    not be able to fill the log with tracebacks.
+    not be able to fill the log with tracebacks. The server itself refuses a request whose body is
+    malformed, and hangs up; an answer that comes afterwards is one to a client who has gone.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -194,5 +196,5 @@ class Disconnects:
         """Answer a request."""
         try:
             await self._app(scope, receive, send)
-        except* (BrokenResourceError, ClientDisconnect):
+        except* (BrokenResourceError, ClientDisconnect, LocalProtocolError):
             pass

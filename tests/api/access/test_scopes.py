@@ -30,7 +30,6 @@ ROUTES = {
     "viewer": """
         GET /
         GET /analyses/{analysis}
-        GET /api
         GET /campaigns/{campaign}
         GET /campaigns/{campaign}/episodes
         GET /campaigns/{campaign}/episodes/{index}
