@@ -51,7 +51,7 @@ def describe_error(error: Mapping[str, Any]) -> str:
 
 
 SOON_S = "1"
-WHAT_THERE_IS = "See /api or /openapi.json for the available routes."
+WHAT_THERE_IS = "See /openapi.json for the available routes."
 REMEDIES = {
     406: "Request one of these types in `Accept`, or omit `Accept`.",
     413: "Send many campaigns in several requests; EIGENFAIL_MAX_BODY_BYTES sets the limit.",

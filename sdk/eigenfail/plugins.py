@@ -28,6 +28,9 @@ ROUTES = "eigenfail.routes"
 DATABASE_TOOLS = "eigenfail.database_tools"
 EXPORTS = "eigenfail.exports"
 
+NEEDED = {METHODS: "Settings", PLANNERS: "Settings", SCENARIOS: "Parameters"}
+"""The attribute of a plug-in without which no campaign with it can be described, by group."""
+
 BUILT_IN = frozenset({"eigenfail_services", "eigenfail_workers"})
 """The packages whose plug-ins are eigenfail's own."""
 
@@ -130,13 +133,19 @@ def load(group: str, name: str) -> Any:
     if len(claims := list_claims(group).get(name, ())) > 1:
         raise describe_conflict(group, name, map(name_distribution, claims))
     try:
-        return point.load() if is_built_in(group, name) else _load_foreign(group, name)
+        plugin = point.load() if is_built_in(group, name) else _load_foreign(group, name)
     except EigenfailError:
         raise
     except (Exception, SystemExit) as error:
         problem = f"'{name}' cannot be loaded: {_describe_failure(error)}."
         remedy = "Install its dependencies, or uninstall its package."
         raise InvalidValue(field, problem, remedy) from error
+    if (needed := NEEDED.get(group)) and not hasattr(plugin, needed):
+        # Lists of plug-ins read it of each one: they must be able to leave out this one alone.
+        problem = f"'{name}' cannot be loaded: {point.value} has no `{needed}`."
+        remedy = f"Give it a class `{needed}` of msgspec.Struct, or uninstall its package."
+        raise InvalidValue(field, problem, remedy)
+    return plugin
 
 
 def _describe_failure(error: BaseException) -> str:

@@ -1,6 +1,8 @@
 """Extensions of other distributions: routes, pages and links, without a change of the core's."""
 
+import re
 import sys
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -93,13 +95,13 @@ class Flock(msgspec.Struct, frozen=True):
 def bring(tmp_path, monkeypatch):
     """Installs a distribution that brings an extension, as text of its module."""
 
-    def install(text=MODULE, distribution="eigenfail-sheep"):
+    def install(text=MODULE, distribution="eigenfail-sheep", template=("flock.html", TEMPLATE)):
         name = distribution.replace("-", "_")
         package = tmp_path / distribution / name
         (package / "templates").mkdir(parents=True)
         (package / "__init__.py").write_text("")
         (package / "routes.py").write_text(text)
-        (package / "templates" / "flock.html").write_text(TEMPLATE)
+        (package / "templates" / template[0]).write_text(template[1])
         record = package.parent / f"{name}-1.0.dist-info"
         record.mkdir()
         (record / "METADATA").write_text(
@@ -121,7 +123,7 @@ def forget():
         plugins.list_entry_points.cache_clear()
         plugins.load.cache_clear()
         rendering.TEMPLATES.cache.clear()
-        for name in ("eigenfail_sheep", "eigenfail_goats"):
+        for name in ("eigenfail_sheep", "eigenfail_goats", "eigenfail_tally"):
             rendering.FOREIGN_TEMPLATES.pop(name, None)
             for module in [each for each in sys.modules if each.startswith(name)]:
                 del sys.modules[module]
@@ -154,6 +156,20 @@ def test_a_route_answers_and_refuses_like_those_of_the_core(bring, serve, read, 
     assert "nam" in problem(http.post("/api/v1/sheep", json={"nam": ""}), 422)["detail"]
     assert problem(http.post("/api/v1/sheep?colour=black", json={"name": "hill"}), 422)
     assert problem(http.post("/api/v1/sheep", content="<a>", headers={"content-type": "a/b"}), 415)
+
+
+def test_the_example_of_the_documents_counts_failures(bring, serve, fields):
+    text = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text()
+    (code,) = re.findall(r"^```python\n(from fastapi.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    (html,) = re.findall(r"^```html\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    bring(code, "eigenfail-tally", ("tally.html", html))
+    http = serve()
+    campaign = http.post("/api/v1/campaigns", json=fields).json()["id"]
+    assert http.get(f"/api/v1/tally/{campaign}").json() == {"campaign": campaign, "failures": 0}
+    shown = http.get(f"/tally/{campaign}").text
+    assert f"<h1>Campaign {campaign}: 0 failures</h1>" in shown
+    assert '<a href="/tally/1" aria-current="page">Tally</a>' in shown
+    assert http.get("/tally/77").status_code == 404
 
 
 def test_the_document_describes_it(bring, serve):

@@ -15,7 +15,8 @@ import numpy as np
 
 np.seterr(all="raise")
 
-class Planner: ...
+class Planner:
+    class Settings: ...
 """
 
 
@@ -75,6 +76,12 @@ def test_a_plug_in_that_cannot_be_imported_is_refused_with_the_reason(foreign, t
     with pytest.raises(InvalidValue, match="'harmful_planner:Planner' cannot be loaded") as named:
         plugins.load_class("harmful_planner:Planner")
     assert said in str(named.value)
+
+
+def test_a_plug_in_without_settings_is_refused_alone(foreign) -> None:
+    with pytest.raises(InvalidValue, match="harmful_planner:Planner has no `Settings`") as caught:
+        plugins.load(plugins.PLANNERS, foreign("class Planner: ..."))
+    assert "Give it a class `Settings` of msgspec.Struct" in str(caught.value)
 
 
 def test_only_what_eigenfail_brings_is_built_in() -> None:
