@@ -65,7 +65,7 @@ def load_extensions(core: Iterable[APIRouter]) -> tuple[Extension, ...]:
 def _check_extension(name: str, extension: object, taken: set[str]) -> None:
     """Raise InvalidValue unless an extension adds routes only, and opens its own routes only."""
     if not isinstance(extension, Extension):
-        problem = f"'{name}' is a {type(extension).__name__}, not an Extension."
+        problem = f"'{name}' is of the type {type(extension).__name__}, and must be an Extension."
         raise InvalidValue("route", problem, "Fix its package.")
     own = set(list_requests(extension.routers))
     if both := sorted(own & taken):

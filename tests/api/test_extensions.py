@@ -234,7 +234,11 @@ def test_a_viewer_may_send_only_what_the_extension_says(bring, serve, store):
     "case",
     [
         (MODULE, 'raise RuntimeError("not today")', "not today"),
-        ("extension = Extension(", "extension = dict(", "is a dict, not an Extension"),
+        (
+            "extension = Extension(",
+            "extension = dict(",
+            "is of the type dict, and must be an Extension",
+        ),
         ('"/sheep")\ndef show', '"/workers")\ndef show', "has GET /workers, which exists"),
         ('("POST /api/v1/sheep",)', '("POST /api/v1/keys",)', "opens POST /api/v1/keys"),
         ('templates="eigenfail_sheep"', 'templates="eigenfail_goats"', "goats"),

@@ -67,7 +67,11 @@ def test_another_distribution_brings_a_format(bring):
     ("text", "attribute", "words"),
     [
         ("import no_such_module", "FORMAT", "'sheep' cannot be loaded: No module named"),
-        (MODULE, "RecordingFormat", "'sheep' is a StructMeta, not a RecordingFormat"),
+        (
+            MODULE,
+            "RecordingFormat",
+            "'sheep' is of the type StructMeta, and must be a RecordingFormat",
+        ),
     ],
 )
 def test_a_format_that_cannot_be_loaded_is_not_listed_and_the_error_says_why(

@@ -160,7 +160,9 @@ def load_plugin_app(name: str) -> typer.Typer:
     if not isinstance(app, typer.Typer):
         kind = type(app).__name__
         raise InvalidValue(
-            "command", f"'{name}' is a {kind}, not a typer.Typer.", "Fix its package."
+            "command",
+            f"'{name}' is of the type {kind}, and must be a typer.Typer.",
+            "Fix its package.",
         )
     return app
 

@@ -168,7 +168,7 @@ def find_format(name: str) -> RecordingFormat:
     found = plugins.load(plugins.EXPORTS, name)
     if not isinstance(found, RecordingFormat):
         kind = type(found).__name__
-        problem = f"'{name}' is a {kind}, not a RecordingFormat."
+        problem = f"'{name}' is of the type {kind}, and must be a RecordingFormat."
         raise InvalidValue("format", problem, "Fix its package.")
     return found
 

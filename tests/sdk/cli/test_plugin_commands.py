@@ -144,7 +144,7 @@ def test_an_object_that_is_no_command_is_refused(bring):
     bring("eigenfail-sheep", "sheep", attribute="count")
     done = call("sheep")
     assert done.exit_code == 2
-    assert "'sheep' is a function, not a typer.Typer." in done.stderr
+    assert "'sheep' is of the type function, and must be a typer.Typer." in done.stderr
 
 
 @pytest.mark.parametrize("name", main.PLUGINS)
