@@ -50,7 +50,6 @@ def describe_error(error: Mapping[str, Any]) -> str:
     return words.format_map({**bounds, "input": shown, "form": form, "msg": error["msg"]})
 
 
-SOON_S = "1"
 WHAT_THERE_IS = "See /openapi.json for the available routes."
 REMEDIES = {
     406: "Request one of these types in `Accept`, or omit `Accept`.",
@@ -79,7 +78,7 @@ async def on_known_error(request: Request, error: EigenfailError) -> Response:
 
 def retry_headers(error: EigenfailError) -> dict[str, str]:
     """Return the headers of an error that may pass soon."""
-    return {"Retry-After": SOON_S} if isinstance(error, ServiceError) else {}
+    return {"Retry-After": "1"} if isinstance(error, ServiceError) else {}
 
 
 async def on_bad_parameter(request: Request, error: RequestValidationError) -> Response:

@@ -35,9 +35,6 @@ HUB_WAIT_S = 0.5
 """Time that a statement of the hub waits for another program's lock: workers wait as long for
 an answer, and what could not be written is tried again."""
 
-OWN_WORKERS = "own"
-"""Name in the log of the key of the workers that the service starts itself."""
-
 log = structlog.get_logger()
 
 
@@ -114,7 +111,8 @@ def serve(arguments: argparse.Namespace) -> None:
         webhooks.start()
         is_local = arguments.launcher == Launcher.LOCAL
         reached = hub.address if is_local else arguments.advertise or hub.address
-        launcher.start(reached, keys.create_own(OWN_WORKERS) if keys else None, stopping.is_set)
+        # "own" is what the log calls the key of the workers that the service starts itself.
+        launcher.start(reached, keys.create_own("own") if keys else None, stopping.is_set)
         # Whoever starts the services reads in this line that they are ready, and where the hub is.
         if not stopping.is_set():
             sys.stdout.write(json.dumps({"ready": True, "hub": hub.address}) + "\n")

@@ -242,7 +242,7 @@ def test_no_campaign_can_be_steered_against_its_state(http, problem, finished):
     assert told["remedy"] == "Only one that is queued or running can."
 
 
-def test_an_empty_list_of_campaigns_asks_for_one(http, problem):
+def test_an_empty_bulk_request_is_refused(http, problem):
     assert problem(http.post("/api/v1/campaigns/bulk", json=[]), 422)["remedy"] == (
         "Name at least one."
     )

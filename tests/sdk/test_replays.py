@@ -1,6 +1,5 @@
 """Replays that differ: a stack that does not repeat itself, against one that was changed."""
 
-from contextlib import contextmanager
 from types import SimpleNamespace
 
 import msgspec
@@ -86,21 +85,12 @@ def test_changed_stack_that_repeats_itself_is_not_called_unsteady(planner):
     assert describe_replay(replayed).startswith("DIFFERENT")
 
 
-def test_replay_by_the_code_of_the_campaign_lists_no_difference(monkeypatch):
+def test_replay_by_the_code_of_the_campaign_lists_no_difference():
     spec = replace(SPEC, planner="idm")
     worker = SimpleNamespace(versions={**versions(), **fingerprint_plugins(), "code of other": "1"})
-    client = SimpleNamespace(
-        episodes=SimpleNamespace(worker=lambda *_: worker),
-        campaigns=SimpleNamespace(get=lambda _: SimpleNamespace(spec=spec)),
-    )
-
-    @contextmanager
-    def connect(*_):
-        yield client
-
-    monkeypatch.setattr(episode, "connect_to", connect)
+    client = SimpleNamespace(episodes=SimpleNamespace(worker=lambda *_: worker))
     assert fingerprint_plugins()
-    assert episode._list_differences(None, "", "1/0") == ()
+    assert episode._list_differences(client, spec, 1, 0) == ()
     worker.versions["code of eigenfail_workers"] = "older"
-    (found,) = episode._list_differences(None, "", "1/0")
+    (found,) = episode._list_differences(client, spec, 1, 0)
     assert found.startswith("code of eigenfail_workers older then, ")

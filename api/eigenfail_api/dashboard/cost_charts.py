@@ -125,7 +125,7 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
             "from p(x) has the 95 % interval that its failure rate gives; a search has one across "
             "seeds if its campaigns differ in their seeds alone, otherwise none; "
             "an arrow is the lower bound of a method without failures. "
-            f"{' '.join([describe_shared(group.peers), *own])}"
+            f"{' '.join([describe_shared_settings(group.peers), *own])}"
         ),
         data={
             "campaigns": [
@@ -168,7 +168,7 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
     )
 
 
-def describe_shared(peers: Peers) -> str:
+def describe_shared_settings(peers: Peers) -> str:
     """Return the other settings that the campaigns have in common."""
     given = {
         "planner": peers.planner_settings,

@@ -85,7 +85,6 @@ def show_changes(store: Stored, before: Before = None) -> HTMLResponse:
 
 
 HOME, LOGIN = "/", "/login"
-MOST_FIELDS = 10
 
 
 Wanted = Annotated[str, Query(alias="next", max_length=2_000)]
@@ -112,14 +111,15 @@ TEMPLATES.globals |= {
 @router.get(LOGIN)
 def show_login(authenticator: TheAuthenticator, wanted: Wanted = HOME) -> HTMLResponse:
     """Show the form that takes a key."""
-    address, needs_key = keep_own_address(wanted), authenticator.requires_keys()
-    return page("login.html", address, needs_key=needs_key, problem="")
+    needs_key = authenticator.requires_keys()
+    return page("login.html", keep_own_address(wanted), needs_key=needs_key, problem="")
 
 
 @router.post(LOGIN)
 async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticator) -> Response:
     """Set a cookie in exchange for a key; the key itself is kept nowhere."""
-    fields = await read_form(request, MOST_FIELDS)
+    # The form has two fields; a body of thousands is not read to its end.
+    fields = await read_form(request, 10)
     wanted, token = keep_own_address(fields.get("next", HOME)), fields.get("key", "").strip()
     try:
         key = await run_sync(authenticator.verify_token, token, authentication.address_of(request))

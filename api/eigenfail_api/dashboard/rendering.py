@@ -184,7 +184,7 @@ def page(template: str, view: object, status: int = 200, **more: Any) -> HTMLRes
 Handler = Callable[[Request, Any], Coroutine[Any, Any, Response]]
 
 
-Handlers = Mapping[int | type[Exception], Handler]
+Handlers = dict[int | type[Exception], Handler]
 
 
 KEPT = ("allow", "retry-after", "content-security-policy")
@@ -193,7 +193,7 @@ KEPT = ("allow", "retry-after", "content-security-policy")
 KEPT_PREFIXES = ("x-", "referrer-")
 
 
-def wrap_for_browsers(handlers: Handlers) -> dict[int | type[Exception], Handler]:
+def wrap_for_browsers(handlers: Handlers) -> Handlers:
     """Return the handlers, answering in HTML where HTML was requested."""
     return {kind: show_problems(handler) for kind, handler in handlers.items()}
 

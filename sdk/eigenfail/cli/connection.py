@@ -153,7 +153,7 @@ def connect_for_suite(
 
 
 def _refuse_early(client: Client, suite: Suite) -> None:
-    """Raise what a service would refuse a member for; those that build upon others come later."""
+    """Check members that name no earlier campaign; raise the first objection of the service."""
     for member, campaign in zip(suite.members, client.suites.find(suite), strict=True):
         if campaign is None and not list_references(member.spec):
             for problem in client.campaigns.check(member.spec).problems:

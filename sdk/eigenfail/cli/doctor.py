@@ -22,7 +22,7 @@ from eigenfail.bridges import (
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay, Url
-from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, draw_checks
+from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, tabulate_checks
 from eigenfail.cli.render import show
 from eigenfail.cli.specs import ask_about_bridges, read_spec
 from eigenfail.client import Client
@@ -320,7 +320,7 @@ def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> 
     """Hold plug-ins against their contracts."""
     with announce(f"Checking {' and '.join(filter(None, (planner, scenario)))}"):
         checks = check_plugins(planner, scenario)
-    show(checks, as_json, lambda: draw_checks(checks))
+    show(checks, as_json, lambda: tabulate_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(BROKEN)
 
@@ -334,7 +334,7 @@ def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
     with announce(f"Checking the bridge at {address}"):
         answer = ask_about_bridges(BridgeCheck(check_address(address), spec))
     checks = msgspec.json.decode(answer, type=list[CheckResult])
-    show(checks, as_json, lambda: draw_checks(checks))
+    show(checks, as_json, lambda: tabulate_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(TROUBLE)
 

@@ -203,7 +203,7 @@ class Complaint:
         return True
 
 
-def draw_checks(checks: list[CheckResult]) -> Table:
+def tabulate_checks(checks: list[CheckResult]) -> Table:
     """One row a check."""
     grid = start_grid("", "plug-in", "check", "result or violation")
     for check in checks:

@@ -36,9 +36,9 @@ from eigenfail.values import (
     Campaign,
     CampaignState,
     Counts,
-    Errored,
     Summary,
 )
+from eigenfail.values.summary import Errored
 
 PLAIN_WIDTH = 1_000
 """Of pipes and files: no row is broken there. [characters]"""

@@ -196,7 +196,7 @@ def make_mode_replays(
             episodes=len(medoids),
         )
         known = {
-            n: _name_medoid(place, before.id, analysis.id, modes[place])
+            n: _make_known_medoid(place, before.id, analysis.id, modes[place])
             for n, place in enumerate(places)
         }
         yield KnownReplay(again, known)
@@ -222,7 +222,7 @@ def _name_eigenfailure(analysis: int, place: int) -> KnownFailure:
     )
 
 
-def _name_medoid(place: int, campaign: int, analysis: int, mode: FailureMode) -> KnownFailure:
+def _make_known_medoid(place: int, campaign: int, analysis: int, mode: FailureMode) -> KnownFailure:
     """The medoid of a mode: an episode that did fail."""
     was = f"{campaign}/{mode.medoid}"
     what = f"medoid {place + 1}, {was}"

@@ -63,7 +63,7 @@ CHUNK = 1 << 20
 
 
 class Log:
-    """A file to which processes append, and all of whose writers opened it to append.
+    """A log file that several processes append to; it is emptied, never renamed.
 
     It is never renamed: its writers go on in the same file. What is written in the instant
     between its last byte's copy and its emptying is lost.

@@ -69,7 +69,7 @@ def _is_finite(control: object) -> bool:
     return isfinite(hypot(control.acceleration_mps2, control.steering_rad))
 
 
-def _answers_finitely(make: MakePlanner, perceptions: Sequence[Perception]) -> bool:
+def _gives_finite_controls(make: MakePlanner, perceptions: Sequence[Perception]) -> bool:
     """Whether every answer is finite, and none an error, where every vehicle is detected."""
     with suppress(Exception):
         return all(map(_is_finite, drive(make(), perceptions)))
@@ -103,7 +103,7 @@ def copes_with_what_it_misses(make: MakePlanner) -> None:
     perceptions = cut_in_drive()
     unseen = [msgspec.structs.replace(each, others=(), ids=()) for each in perceptions]
     gaps = [*perceptions[:30], *unseen[30:40], *perceptions[40:50], unseen[50], *perceptions[51:]]
-    if not _answers_finitely(make, perceptions):
+    if not _gives_finite_controls(make, perceptions):
         return  # that is another check's subject
     for seen in (gaps, unseen):
         for control in drive(make(), seen):

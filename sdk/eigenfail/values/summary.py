@@ -211,7 +211,7 @@ class BlockTotals(msgspec.Struct, frozen=True):
 
 
 class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
-    """Neighbouring episodes of a campaign, as far as they were completed.
+    """Figures of consecutive episodes of a campaign: of the completed ones only.
 
     Attributes:
         first: smallest index.

@@ -116,7 +116,7 @@ class SignalName(Node):
         self.name = name
 
     def evaluate(self, signals: Signals, dt_s: float) -> Samples:  # noqa: ARG002 - known by step
-        """Return the signal."""
+        """Return the samples of the named signal."""
         return signals[self.name]
 
 

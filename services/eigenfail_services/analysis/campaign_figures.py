@@ -11,7 +11,7 @@ from eigenfail import values
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.safety import TAIL_LEVEL, RequirementFigures, Scatter
 from eigenfail.values.summary import MOST_BLOCKS
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
@@ -219,7 +219,7 @@ def _list_active_s(campaign: values.Campaign, at_ms: Sequence[int]) -> list[floa
     return [float(each) for each in until_s]
 
 
-def was_cut(campaign: values.Campaign, at_ms: Sequence[int]) -> bool:
+def has_unbilled_time(campaign: values.Campaign, at_ms: Sequence[int]) -> bool:
     """Whether more time passed until the last result than was billed."""
     if not at_ms or campaign.started_ms is None:
         return False
@@ -301,7 +301,7 @@ def make_safety(
         ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, measured, errored),
         drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, measured, errored),
         severity=severity,
-        scatter=values.Scatter(totals.points, len(totals.severities), correlation),
+        scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
         requirements=tuple(_list_requirements(campaign, totals)),
         notes=tuple(_list_notes(campaign, totals, unresolved, conflicts)),
@@ -310,13 +310,13 @@ def make_safety(
 
 def _list_requirements(
     campaign: values.Campaign, totals: values.SafetyTotals
-) -> Iterator[values.RequirementFigures]:
+) -> Iterator[RequirementFigures]:
     """Yield the figures of each requirement that the campaign names."""
     design, errored = SamplingDesign.of([campaign.spec]), campaign.counts.errored
     named = campaign.spec.named_requirements
     for place, each in enumerate(named):
         found = totals.requirements[place] if place < len(totals.requirements) else None
-        yield values.RequirementFigures(
+        yield RequirementFigures(
             number=place + 1,
             name=each.label,
             words=each.in_words(),

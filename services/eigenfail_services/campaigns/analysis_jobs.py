@@ -72,8 +72,8 @@ class AnalysisBasis(NamedTuple):
         """Return the number of episodes that have ended, by id of their campaign."""
         return {each.id: each.counts.completed + each.counts.errored for each in self.campaigns}
 
-    def recounted(self, store: Store) -> Self:
-        """Return the basis with current counts, which cover all failures that were read before."""
+    def update_counts(self, store: Store) -> Self:
+        """Return the basis with the present counts, which cover all failures that were read."""
         now = ((each, store.campaigns.get(each.id).counts) for each in self.campaigns)
         return self._replace(campaigns=tuple(replace(each, counts=c) for each, c in now))
 
@@ -446,7 +446,7 @@ def find_modes(store: Store, analysis: values.Analysis) -> values.AnalysisResult
         )
         motion = read_motion(courses, begun.origin)
         failures = failures._replace(motion=motion)
-    base = begun.recounted(store)
+    base = begun.update_counts(store)
     learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))
     samples = find_first_samples(base.campaigns)
     result = analyse_gathered(

@@ -44,7 +44,7 @@ def find_spending(store: Store, campaign: values.Campaign) -> values.CampaignCos
 def _list_approximations(campaign: values.Campaign, totals: values.SpendingTotals) -> Iterator[str]:
     if totals.progress:
         yield campaign_figures.BY_CLOCK
-    if campaign_figures.was_cut(campaign, [each.at_ms for each in totals.progress]):
+    if campaign_figures.has_unbilled_time(campaign, [each.at_ms for each in totals.progress]):
         yield campaign_figures.PAUSED
 
 

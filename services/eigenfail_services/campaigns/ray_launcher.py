@@ -120,7 +120,7 @@ class RayLauncher:
     def start(
         self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = launcher.never
     ) -> None:
-        """Connect to Ray, and ask it for the workers that there are to be in any case.
+        """Connect to Ray, and request the minimum number of workers.
 
         Raises:
             ClusterUnavailable: Ray is not installed, or does not start.

@@ -14,11 +14,11 @@ from eigenfail.suites import KeyPath, list_leaves
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
-    Distinction,
     EpisodeResult,
     PairTotals,
     Priority,
 )
+from eigenfail.values.comparison import Distinction
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.resolution import fill_defaults
 from eigenfail_services.store import Store
@@ -299,7 +299,7 @@ def list_unpairable(campaigns: Sequence[Campaign]) -> list[str]:
 
 
 def _find_other_request(specs: Sequence[CampaignSpec]) -> str:
-    """Return which difference of the specs makes other noise; empty without one."""
+    """Return why the specs draw different noise; empty if they do not."""
     if len({repr(spec.disturbance.noise_shape) for spec in specs}) > 1:
         return "their noise differs in shape."
     if len({list_channels(spec) for spec in specs}) > 1:

@@ -297,7 +297,7 @@ def _count(read: release_reading.ReadRelease, failures: int) -> str:
 
 
 def _bound_rate(read: release_reading.ReadRelease) -> str:
-    """Return the upper bound of a rate of which no event is known."""
+    """Return the upper bound of the failure rate of a release without failures, as text."""
     if not read.release.episodes:
         return ""
     interval = read.make_rate(0).interval

@@ -12,8 +12,8 @@ from eigenfail.values import (
     EffectSize,
     Figure,
     Interval,
-    Magnitude,
 )
+from eigenfail.values.comparison import Magnitude
 
 SIGNIFICANCE = 0.05
 

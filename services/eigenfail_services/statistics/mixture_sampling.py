@@ -241,7 +241,7 @@ class MixtureSampling:
                 mixture = refit.join(first, FIRST_MIXTURE_SHARE)
         count = self._budget - self._requested
         # In proportion to the draws: the last ones are so many times those of the trial.
-        self.promised = find_effective(seen[-1]) * count / int(TRIAL_SHARE * self._budget)
+        self.promised = count_effective_failures(seen[-1]) * count / int(TRIAL_SHARE * self._budget)
         if self.promised < LEAST_PROMISE * count_needed(self.size):
             yield from self._hand_on()
             return
@@ -348,7 +348,7 @@ def count_needed(values: int) -> int:
     return max(FEWEST_EFFECTIVE, values)
 
 
-def find_effective(draws: ProposalDraws) -> float:
+def count_effective_failures(draws: ProposalDraws) -> float:
     """Return the effective number of failures among draws of one proposal."""
     failures = draws.z[draws.failed]
     if not len(failures):

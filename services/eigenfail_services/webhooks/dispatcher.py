@@ -164,7 +164,7 @@ class WebhookDispatcher:
             self._thread.join(STOP_S)
 
     def turn(self) -> None:
-        """Send due deliveries, until none is left that no other process is sending.
+        """Send all due deliveries that no other process is sending.
 
         Raises:
             StoreUnavailable: the database does not answer.

@@ -71,7 +71,7 @@ def test_without_keys_it_is_whoever_is_on_this_machine(http, fields, changes):
     assert [(each.who, each.key, each.status) for each in changes()] == [("loopback", None, 201)]
 
 
-def test_it_is_read_page_by_page(as_holder, fields):
+def test_the_audit_log_is_read_page_by_page(as_holder, fields):
     for _ in range(3):
         as_holder("runner", "POST", CAMPAIGNS, json=fields)
     first = as_holder("admin", "GET", "/api/v1/audit?limit=2").json()

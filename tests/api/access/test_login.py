@@ -48,7 +48,7 @@ def test_the_cookie_is_no_key_and_for_nobody_else(browser, keys, sign_in):
     assert cookie != sign_in("viewer").headers["set-cookie"]
 
 
-def test_over_https_the_cookie_stays_there(app, keys):
+def test_the_session_cookie_is_secure_over_https(app, keys):
     with TestClient(app, base_url="https://127.0.0.1", follow_redirects=False) as client:
         done = client.post("/login", data={"key": keys["viewer"].token})
     assert "; Secure" in done.headers["set-cookie"]

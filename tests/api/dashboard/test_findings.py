@@ -120,7 +120,9 @@ def test_how_modes_spread_is_told_only_of_modes_that_are_distinct(found):
     ("method", "failures", "is_left_out"),
     [("ast", "latest", True), ("ast", "all", False), ("monte_carlo", "latest", False)],
 )
-def test_early_failures_are_left_out_of_campaigns_that_learn(store, method, failures, is_left_out):
+def test_an_analysis_omits_early_failures_of_methods_that_learn(
+    store, method, failures, is_left_out
+):
     made = store.campaigns.create(CampaignSpec(name="one", method=method, episodes=100))
     settings = AnalysisSettings(failures=failures)
     assert leaves_early_out(settings, [made]) == is_left_out

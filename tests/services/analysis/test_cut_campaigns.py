@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
-from eigenfail_services.analysis.campaign_figures import SLACK_S, was_cut
+from eigenfail_services.analysis.campaign_figures import SLACK_S, has_unbilled_time
 
 STARTED_MS = 1_790_000_000_000
 
@@ -29,5 +29,5 @@ def test_time_beyond_that_billed_is_counted_from_the_start(
         started_ms=STARTED_MS,
         active_s=active_s,
     )
-    assert was_cut(campaign, [STARTED_MS + 1, STARTED_MS + round(1_000 * last_s)]) is cut
-    assert not was_cut(campaign, [])
+    assert has_unbilled_time(campaign, [STARTED_MS + 1, STARTED_MS + round(1_000 * last_s)]) is cut
+    assert not has_unbilled_time(campaign, [])

@@ -20,9 +20,9 @@ from eigenfail_services.analysis.campaign_figures import (
     KnownModes,
     _find_longest_gap,
     _list_active_s,
+    has_unbilled_time,
     make_cost_curve,
     split_time,
-    was_cut,
 )
 
 NO_MODES = KnownModes(None, None, "")
@@ -94,7 +94,7 @@ def test_a_pause_costs_nothing() -> None:
     """100 s were billed, 1090 s passed: the gap of 1000 s was 10 s of work at most."""
     at_ms = [each.at_ms for each in progress(40.0, 80.0, 1080.0, 1090.0)]
     ran = campaign()
-    assert was_cut(ran, at_ms)
+    assert has_unbilled_time(ran, at_ms)
     # 10 + 3 c = 100.
     assert _list_active_s(ran, at_ms) == pytest.approx([30.0, 60.0, 90.0, 100.0])
 

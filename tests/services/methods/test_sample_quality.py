@@ -9,7 +9,7 @@ from eigenfail.errors import InvalidValue
 LINE = np.array([[0.0], [1.0], [2.0], [10.0]])
 
 
-def test_by_hand_on_a_line():
+def test_density_and_coverage_match_a_hand_calculation():
     # k = 1: balls [-1, 1], [0, 2], [1, 3], [2, 18]. Of 0.5 and 30, 0.5 lies in the first two.
     found = sample_quality(LINE, [[0.5], [30.0]], neighbours=1)
     assert found.density == pytest.approx((2 + 0) / (1 * 2))

@@ -84,7 +84,7 @@ def test_other_notations_of_this_machine_are_refused(host):
     assert anyio.run(resolve_host, "127.1", 80, parse_networks("127.0.0.0/8")) == "127.0.0.1"
 
 
-def test_the_first_permitted_address_is_taken(monkeypatch):
+def test_a_host_resolves_to_its_first_permitted_address(monkeypatch):
     found = ["10.1.2.3", "::ffff:10.0.0.1", "2606:4700::1111", "8.8.8.8"]
     answer = [(0, 0, 0, "", (each, 443)) for each in found]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: answer)

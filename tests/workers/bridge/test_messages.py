@@ -242,7 +242,7 @@ def test_workers_understand_every_answer_of_version_2(name: str) -> None:
     assert read_answer(golden(name), 2) == ANSWERS_2[name]
 
 
-def test_the_version_of_a_welcome_is_the_one_that_it_announces() -> None:
+def test_a_welcome_is_read_by_its_protocol_version() -> None:
     assert type(said.read_hello_answer(golden("welcome"))) is said.BridgeWelcome
     assert said.read_hello_answer(golden("welcome_2")) == ANSWERS_2["welcome_2"]
     # To a worker that reads version 1 the keys of version 2 are keys that it does not know.

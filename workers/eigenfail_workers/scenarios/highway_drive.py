@@ -150,7 +150,7 @@ class DriveTraffic:
             self._follower.follow(ego, desired_gap_m)
             there[FOLLOWING] = self._follower.state
         self._hide_slow(there, ego)
-        self._drop_far(there, ego)
+        self._remove_far_cars(there, ego)
         return there
 
     def _begin_challenge(self, step: int, ego: VehicleState) -> None:
@@ -187,7 +187,7 @@ class DriveTraffic:
         if self._is_slow_revealed:
             there[SLOW] = slow
 
-    def _drop_far(self, there: dict[int, VehicleState], ego: VehicleState) -> None:
+    def _remove_far_cars(self, there: dict[int, VehicleState], ego: VehicleState) -> None:
         """Leave out, for good, cars that are far away; one car at least always stays."""
         between_m = 0.5 * (TRUCK_LENGTH_M + CAR_LENGTH_M)
         for number, car in list(there.items()):
