@@ -89,9 +89,20 @@ def wait_for(condition: Callable[[], object]) -> None:
         time.sleep(0.01)
 
 
+OTHERS: set[psutil.Process] = set()
+"""Child processes from before the test, such as services that other tests share."""
+
+
+@pytest.fixture(autouse=True)
+def note_others() -> None:
+    OTHERS.clear()
+    OTHERS.update(psutil.Process().children())
+
+
 def children() -> list[psutil.Process]:
-    """Child processes that live."""
-    return [one for one in psutil.Process().children() if one.status() != psutil.STATUS_ZOMBIE]
+    """Child processes of the test that live."""
+    mine = [one for one in psutil.Process().children() if one not in OTHERS]
+    return [one for one in mine if one.status() != psutil.STATUS_ZOMBIE]
 
 
 def list_lives(folder: Path) -> dict[str, list[str]]:
