@@ -82,6 +82,7 @@ PUBLIC = [
     "write_folder",
     "get_bytes",
     "draw_svg",
+    "style",
     "pick_mark",
     "hatch",
     # Fields and choices that are only read from JSON, or set from it.
