@@ -168,7 +168,7 @@ def create_app(
         version=__version__,
         summary="Finds, groups, replays and prices rare failures of driving stacks.",
         # FastAPI's own pages load scripts from another host. The security policy forbids that, and
-        # a machine without internet has no such host.
+        # a machine without internet does not have this host.
         docs_url=None,
         redoc_url=None,
         default_response_class=parameters.Json,

@@ -118,7 +118,7 @@ class ProxySignIn:
             # The server decodes headers as Latin-1, and proxies send names in UTF-8.
             text = values[0].encode("latin-1").decode()
         except UnicodeError:
-            # Empty and not None: a header that names nobody must be refused, and not be taken for
+            # Empty and not None: a header without a name must be refused, and not be taken for
             # missing.
             return ""
         return text.strip() if text.isprintable() else ""

@@ -178,8 +178,8 @@ def make_influence_chart(result: AnalysisResult) -> Chart:
         )
 
     caption = (
-        "Where the noise of the failures differs, which is no cause: components weighted by "
-        "explained variance. Marks: the moments of greatest influence."
+        "Steps at which the noise of the failures differs: components weighted by explained "
+        "variance. A difference is not yet a cause. Marks: the moments of greatest influence."
     )
     plot = ChannelPlot(channels, influence, draw, tabulate)
     return plot.make_chart("influence-chart", "influence", "Influence over time", caption, GREATEST)
@@ -251,9 +251,9 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
         "training-components-chart",
         "training",
         "Components during the search",
-        "The first components of the failures of each tenth alone, turned towards those of all; "
-        "the legend shows the others. Likeness is |cosine| with the component of all failures: 1 "
-        "is the same.",
+        "The first components of the failures in each tenth, turned towards the components of all "
+        "failures; the legend shows the others. Likeness is |cosine| with the component of all "
+        "failures: 1 is the same.",
         GREATEST,
     )
     return (
@@ -295,7 +295,7 @@ def make_ridges(
         "channels": {
             result.channels[way]: [
                 [round_ridge_values(line[steps, way]) for line in lines(each)]
-                # Without failures there is no mean; an empty list keeps the place of its tenth.
+                # A tenth without failures does not have a mean; an empty list keeps its place.
                 if each.failures
                 else []
                 for each in intervals

@@ -216,7 +216,7 @@ def make_tiles(
     """
     failures = rendering.make_failure_tile(summary)
     if not traits_of(campaign.spec.method).draws_from_prior:
-        # What a search chose is no sample, and the number of failures looks like one.
+        # A search chose the episodes, so that their number of failures is not that of a sample.
         failures = msgspec.structs.replace(failures, notes=(*failures.notes, SEARCHED))
     tiles = [("Cost per failure", rendering.make_cost_tile(summary)), ("Failures", failures)]
     if summary.estimate:

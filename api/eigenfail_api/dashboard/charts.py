@@ -77,7 +77,7 @@ class Chart(ChartTable, frozen=True, kw_only=True):
 
 
 class ChannelPlot(NamedTuple):
-    """Values of several channels of noise, of which a page shows the most influential ones first.
+    """Values of several channels of noise. A page shows the most influential channels first.
 
     Attributes:
         channels: names of the channels.
@@ -116,7 +116,7 @@ class ChannelPlot(NamedTuple):
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
     """Return floats with as many digits as a screen can show; None stays None."""
-    # JSON has no NaN: where a value is missing the line of a chart has a gap.
+    # JSON does not know NaN: a missing value is null, and leaves a gap in the line of a chart.
     return [None if value is None else float(f"{value:.{DIGITS}g}") for value in values]
 
 
@@ -182,7 +182,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     )
 
 
-# A function of noise has no unit: its answer is a number.
+# A function of noise returns a number without a unit.
 def add_unit(title: str, unit: str) -> str:
     """Return the title of a column with its unit, if it has one."""
     return f"{title} [{unit}]" if unit else title

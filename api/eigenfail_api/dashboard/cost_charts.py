@@ -18,7 +18,7 @@ COLUMNS = ("USD per failure", "95 % interval")
 def mark(price: Cost, **whose: object) -> dict[str, object]:
     """Return the mark of a cost in a chart [USD], with the names of its owner."""
     bounds = price.interval_usd
-    # Logarithmic axes have no zero: what is not known stays null.
+    # A logarithmic axis cannot show zero: an unknown value stays null.
     value, low, high, at_least = round_values(
         (
             price.per_failure_usd,

@@ -66,7 +66,7 @@ def list_facts(
 
 def list_likelihood(result: values.EpisodeResult, channels: Sequence[str]) -> Facts:
     """Return log p of the noise, of each channel and of typical noise; nothing without a step."""
-    # log p alone says nothing: it is read beside that of typical noise over the same steps.
+    # log p is compared with the log p of typical noise over the same steps.
     held_against = make_reference([result.noise])
     if held_against is None:
         return ()
@@ -117,16 +117,15 @@ IN_OTHER_PLACES = frozenset(
 
 
 def list_ride(result: values.EpisodeResult) -> Facts:
-    """Return all further measures; none where the release that ran the episode had none of them."""
-    measures = result.measures
-    # Without the number of clipped steps none of the others was measured either.
-    if measures is None or measures.clipped_steps is None:
-        return ()
-    return tuple(
-        _format_measure(measure, getattr(measures, name))
+    """Return all further measures; nothing if none of them was measured."""
+    found = [
+        (measure, getattr(result.measures, name, None))
         for name, measure in values.MEASURES.items()
         if name not in IN_OTHER_PLACES and not measure.is_text
-    )
+    ]
+    if all(value is None for _, value in found):
+        return ()
+    return tuple(_format_measure(measure, value) for measure, value in found)
 
 
 def _format_measure(measure: values.Measure, value: Any) -> tuple[str, str]:
@@ -154,7 +153,7 @@ def make_episode_view(
     world = world_of(campaign.spec.simulator)
     channels, has_road = world.channels(campaign.spec), world.has_road
     assessed = values.assess(result.outcome, measures)
-    # Without a step there is no noise that could be injected again, and nothing to explain.
+    # An episode without steps has no noise to inject again, and nothing to explain.
     has_steps = result.steps > 0
     return {
         "campaign": campaign,

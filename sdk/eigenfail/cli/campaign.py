@@ -1,7 +1,8 @@
 """`eigenfail campaign`: create, check, clone, list, show, follow and steer campaigns."""
 
-from collections.abc import Callable
-from typing import Annotated
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -35,7 +36,7 @@ from eigenfail.presentation.campaigns import (
     tabulate_workers,
 )
 from eigenfail.presentation.terminal import render
-from eigenfail.values import Campaign, CampaignState, Priority, Summary
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Priority, Summary
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import make_error
 from eigenfail.worlds import find_robustness_unit
@@ -53,39 +54,45 @@ app = typer.Typer(
 )
 
 
-@app.command()
-@prints_answer()
-def create(
-    client: Client,
+class SpecRequest(NamedTuple):
+    """The campaign that a file describes, and a client of the service that is asked about it."""
+
+    spec: CampaignSpec
+    client: Client
+
+
+@contextmanager
+def open_with_spec(
+    context: typer.Context,
     file: options.SpecFile,
     episodes: options.Episodes = None,
     seed: options.Seed = None,
     priority: options.Urgency = None,
     values: options.Changed = None,
-    quiet: Quiet = False,
-) -> CommandResult:
-    """Launch the campaign that a TOML file describes, and print it."""
+    url: options.Url = DEFAULT_URL,
+) -> Iterator[SpecRequest]:
+    """Read the campaign of a file, then open the service."""
+    # The file comes first: its errors are the user's to mend, whether a service runs or not.
     spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
-    return _show_launched(client.campaigns.create(spec), quiet)
+    with connect_to(context, url) as client:
+        yield SpecRequest(spec, client)
 
 
 @app.command()
-@prints_answer()
-def check(
-    client: Client,
-    file: options.SpecFile,
-    episodes: options.Episodes = None,
-    seed: options.Seed = None,
-    priority: options.Urgency = None,
-    values: options.Changed = None,
-    quiet: QuietCheck = False,
-) -> CommandResult:
+@prints_answer(opened_by=open_with_spec)
+def create(asked: SpecRequest, quiet: Quiet = False) -> CommandResult:
+    """Launch the campaign that a TOML file describes, and print it."""
+    return _show_launched(asked.client.campaigns.create(asked.spec), quiet)
+
+
+@app.command()
+@prints_answer(opened_by=open_with_spec)
+def check(asked: SpecRequest, quiet: QuietCheck = False) -> CommandResult:
     """Print the full specification of the campaign in a TOML file without launching it.
 
     Exits with 2 if it cannot be launched.
     """
-    spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
-    found = client.campaigns.check(spec)
+    found = asked.client.campaigns.check(asked.spec)
     exit_code = make_error(found.problems[0]).exit_code if found.problems else 0
     if quiet:
         raise typer.Exit(exit_code)
