@@ -36,7 +36,7 @@ from eigenfail.values import CampaignSpec
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-FILE_NAME = re.compile(r"# ([\w./-]+\.\w+)\n")
+FILE_NAME = re.compile(r"(?:# |\{# )([\w./-]+\.\w+)(?: #\})?\n")
 EPISODES = re.compile(r"(?<=^episodes = )\d+$", re.MULTILINE)
 CHEAPER = (
     ("suite.toml", "episodes = 200", "episodes = 8"),
@@ -61,7 +61,7 @@ REPLACED = {
 }
 
 NO_KINDS = MappingProxyType({})
-EXECUTED = {"sh", "python", "toml"}
+EXECUTED = {"sh", "python", "toml", "html"}
 SHOWN = {"": "a drawing", "text": "output or a drawing", "json": "messages", "yaml": "a fragment"}
 
 
