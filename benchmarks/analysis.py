@@ -21,7 +21,9 @@ from figures import Figure, show
 from sqlalchemy import create_engine, insert
 
 from eigenfail.processes import NUMERIC_ENVIRONMENT
-from eigenfail.values import AnalysisSettings, CampaignSpec, Outcome
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.store import open_store
 from eigenfail_services.store.schema import campaigns, episodes, trajectories

@@ -16,7 +16,7 @@ from learning_figures import log_p_per_step
 from searches import evaluations, side_by_side
 from transfer import list_transfers, read_example
 
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 EPISODES, ELSEWHERE = 1000, 25
 

@@ -11,7 +11,8 @@ from episode_loop import tasks
 from figures import ROOT, Figure, show, summarize_runs
 
 from eigenfail.contracts import EpisodeEngine
-from eigenfail.values import DisturbanceModel, EpisodeSetup
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.engine import Engine

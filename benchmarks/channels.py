@@ -17,7 +17,11 @@ from mode_agreement import count_modes
 from samples import COMMAND, count_share
 from searches import Found, search
 
-from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Estimate, Markov
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.shapes import Markov
 from eigenfail.worlds import list_channels, resolve_disturbance
 from eigenfail_services.methods.subset import SubsetMethod
 from eigenfail_workers.engine import Engine

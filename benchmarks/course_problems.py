@@ -13,15 +13,15 @@ import msgspec
 import numpy as np
 from known_problems import Noise
 
-from eigenfail.values import (
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
-    Measures,
-    NoiseTrajectory,
     Outcome,
     PriorSource,
     TrajectorySource,
 )
+from eigenfail.values.measures import Measures
 
 FAR, NODES = 40.0, 400
 """Lower end of a band without one, in units of the noise; nodes of the quadrature."""

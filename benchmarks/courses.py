@@ -8,16 +8,10 @@ from episode_pool import make_setup
 from shapes import square_wave
 
 from eigenfail import plugins
-from eigenfail.values import (
-    EpisodeTask,
-    ExplainedEpisode,
-    Mission,
-    NoiseTrajectory,
-    PriorSource,
-    Scene,
-    TrajectorySource,
-    VehicleState,
-)
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeTask, PriorSource, TrajectorySource
+from eigenfail.values.proof import ExplainedEpisode
+from eigenfail.values.scene import Mission, Scene, VehicleState
 from eigenfail_workers.explain import explain
 
 NOISY_SEED = 1

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from courses import WAVE_HALF_PERIOD, WAVE_SIGMA, crash
 from svg import WIDTH, Point, box, dot, line, page, text
 
-from eigenfail.values import ExplainedEpisode, ExplainedStep
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep
 
 LEFT, RIGHT = 60.0, 20.0
 Value = Callable[[ExplainedStep], float | None]

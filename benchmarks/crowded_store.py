@@ -6,8 +6,12 @@ import numpy as np
 from msgspec.structs import replace
 from sqlalchemy import Connection, insert, update
 
-from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState, Outcome, Scene
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Failures
+from eigenfail.values.scene import Scene
 from eigenfail_services.analysis.job import analyse
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.codec import pack, to_json

@@ -17,7 +17,7 @@ from searches import context, search_function
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 PROBLEMS = ("braking", "walk", "two_sides", "two_corners", "four_branches")
 TRAINED, SAMPLED, SEEDS = 1000, 300, 5

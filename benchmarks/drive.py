@@ -15,16 +15,11 @@ from samples import COMMAND, share
 from undisturbed import UNDISTURBED
 
 from eigenfail import plugins
-from eigenfail.values import (
-    AnalysisSettings,
-    Channel,
-    DisturbanceModel,
-    EpisodeSetup,
-    EpisodeTask,
-    Measures,
-    PriorSource,
-    episode_seed,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import make_failure_course
 from eigenfail_workers.engine import Engine
 

@@ -25,7 +25,9 @@ from simple_searches import NARROW, describe
 
 from eigenfail.bridges import horizon as bridge_horizon
 from eigenfail.contracts import EpisodeEngine
-from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import COLLISION_ALONE, MeasureLimit
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.bridge.connection import SharedConnection

@@ -12,15 +12,10 @@ from episode_pool import EpisodePool, horizon
 from figures import Figure
 from searches import engine, search
 
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    EpisodeTask,
-    Floats,
-    TrajectorySource,
-    episode_seed,
-)
-from eigenfail.values.analysis import Centre
+from eigenfail.values.analysis import AnalysisSettings, Centre
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, TrajectorySource, episode_seed
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import EarlyFailures, FailureBatch, gather_failures
 from eigenfail_services.analysis.job import analyse_gathered

@@ -10,7 +10,8 @@ import time
 from importlib.machinery import EXTENSION_SUFFIXES
 
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail_workers import episode
 
 WARM_UP = 5

@@ -19,14 +19,9 @@ from numpy.typing import NDArray
 from eigenfail import plugins
 from eigenfail.errors import EpisodeError
 from eigenfail.processes import NUMERIC_ENVIRONMENT, die_with_parent
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Measures,
-    TrajectorySource,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.measures import Measures
 from eigenfail_workers.accounts import RecordedStep, RecordingPlanner
 from eigenfail_workers.engine import Engine
 

@@ -39,7 +39,7 @@ PARTS: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         (f"{WORKERS}.noise.deviations:Deviations", ("compute",)),
         (f"{WORKERS}.noise.sources", ("begin",)),
         (f"{WORKERS}.noise.sources:TrajectoryNoise", ("draw",)),
-        ("eigenfail.values:Conversion", ("inject",)),
+        ("eigenfail.values.disturbance:Conversion", ("inject",)),
     ),
     "measures": (
         (f"{WORKERS}.measures.recorder:Recorder", ("observe", "add_disturbance", "measures")),
@@ -113,7 +113,7 @@ def measure(episodes: int, timed: bool) -> dict[str, Any]:
     """Seconds of the loop, and with timers the parts' own, in a process of its own."""
     from episode_loop import tasks
 
-    from eigenfail.values import CampaignSpec
+    from eigenfail.values.campaign_spec import CampaignSpec
     from eigenfail_workers.engine import Engine
 
     clock = Clock()

@@ -10,16 +10,8 @@ import numpy as np
 import structlog
 import zmq
 
-from eigenfail.values import (
-    EpisodeTask,
-    Layer,
-    LearnerContext,
-    Policy,
-    PolicySource,
-    PriorSource,
-    Round,
-    episode_seed,
-)
+from eigenfail.values.episode import EpisodeTask, PolicySource, PriorSource, episode_seed
+from eigenfail.values.learning import Layer, LearnerContext, Policy, Round
 from eigenfail.wire.messages import Message, Observed, Proposed, Start, Stop
 from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.hub import runs, server

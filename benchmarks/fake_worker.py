@@ -12,7 +12,8 @@ from fake_services import FakeSocket
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import result
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, PolicySource
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, PolicySource
+from eigenfail.values.learning import Policy
 from eigenfail.wire.messages import Assembler
 from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker import hub_connection, parent

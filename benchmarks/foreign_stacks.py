@@ -24,7 +24,8 @@ from samples import COMMAND, count_share
 from eigenfail.bridges import ADDRESS_VARIABLE, horizon
 from eigenfail.cli.specs import read_spec
 from eigenfail.client import Client
-from eigenfail.values import POSITION, EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.episode import EpisodeTask, Outcome, TrajectorySource
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
 

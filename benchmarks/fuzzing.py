@@ -23,14 +23,14 @@ from undisturbed import number
 
 from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.testing.examples import collision, floats, make_errored_result, result, spec
-from eigenfail.values import (
+from eigenfail.values.episode import (
     EpisodeTask,
     Outcome,
-    Policy,
     PolicySource,
     PriorSource,
     TrajectorySource,
 )
+from eigenfail.values.learning import Policy
 from eigenfail.wire import messages as m
 from eigenfail.wire.messages import Assembler, Holding, fingerprint_task
 from eigenfail_services.hub.runs import RunSpec

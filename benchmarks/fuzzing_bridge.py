@@ -14,13 +14,9 @@ from invalid_messages import BENDS
 from msgspec.msgpack import decode, encode
 
 from eigenfail.errors import EpisodeError
-from eigenfail.values import (
-    Channel,
-    DisturbanceModel,
-    EpisodeSetup,
-    EpisodeTask,
-    PriorSource,
-)
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, PriorSource
 from eigenfail.values.requirements import Formula
 from eigenfail_workers.accounts import RecordedStep
 from eigenfail_workers.bridge.connection import Connection, SharedConnection, make_timeouts

@@ -31,8 +31,10 @@ from eigenfail.client import Client
 from eigenfail.functions import of_trajectory
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.processes import ONE_THREAD
-from eigenfail.values import POSITION, STATE, CampaignSpec, Observation, VehicleState
-from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.learning import STATE
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail.values.shapes import Pair
 from eigenfail_services.methods.ast.settings import REWARD_SCALE, AstSettings
 from eigenfail_workers.episode import EpisodeDriver

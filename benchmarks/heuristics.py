@@ -13,7 +13,7 @@ from episode_pool import EpisodePool, horizon
 from searches import engine
 from shapes import AXES, HALF_PERIODS, Array, draw_held_noise
 
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, TrajectorySource
 
 AMPLITUDES = tuple(np.arange(1.0, 3.01, 0.25).tolist())
 RAMPS = range(10, 41)

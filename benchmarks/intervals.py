@@ -32,17 +32,17 @@ from splitting import run_campaign
 
 from eigenfail.contracts import Learner
 from eigenfail.settings import read_settings
-from eigenfail.values import (
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
-    Estimate,
-    LearnerContext,
-    Measures,
-    NoiseTrajectory,
     Outcome,
     TrajectorySource,
     learner_seed,
 )
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext
+from eigenfail.values.measures import Measures
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.ensemble import Ensemble

@@ -13,7 +13,9 @@ from undisturbed import number
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.values import AnalysisSettings, LearnerContext, learner_seed
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.job import analyse
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process

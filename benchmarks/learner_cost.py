@@ -19,7 +19,9 @@ import numpy as np
 from msgspec.structs import replace
 from simulated_workers import examples
 
-from eigenfail.values import STATE, CampaignSpec, EpisodeResult, EpisodeTask, LearnerContext
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, EpisodeTask
+from eigenfail.values.learning import STATE, LearnerContext
 from eigenfail.wire.messages import (
     Observed,
     Proposed,

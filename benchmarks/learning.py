@@ -31,7 +31,7 @@ from samples import COMMAND
 from searches import Found, changed, evaluations, side_by_side
 
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 TRAINED, EVALUATED, MOVED = 1000, 300, 100
 SEEDS = 3

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import msgspec
 from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.values import AnalysisResult, AnalysisSettings, Floats
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
+from eigenfail.values.arrays import Floats
 from eigenfail.values.records import FailureCourse, Failures
 from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
 from eigenfail_services.analysis.behaviour import read_motion

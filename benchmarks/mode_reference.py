@@ -27,7 +27,7 @@ from samples import COMMAND
 from scipy.stats import binomtest
 
 from eigenfail import plugins
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 from eigenfail_services.analysis import clusters, components
 from eigenfail_services.statistics.intervals import rate
 

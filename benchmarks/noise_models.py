@@ -9,7 +9,8 @@ from figures import Figure
 from monte_carlo import list_defined
 from samples import mean, median, share
 
-from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.shapes import Correlated, HeavyTailed
 
 EPISODES = 400
 LONG = 2000

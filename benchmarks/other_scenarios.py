@@ -13,7 +13,7 @@ from shapes import draw_held_noise
 from undisturbed import number
 
 from eigenfail import plugins
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
 from eigenfail_workers.engine import Engine
 
 EPISODES, HELD = 300, 100

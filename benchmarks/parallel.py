@@ -14,7 +14,7 @@ from learning_figures import first_failure, log_p_per_step, middle
 from samples import COMMAND
 from searches import side_by_side
 
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 SEEDS, EPISODES, PARALLEL = 12, 1000, 100
 UNSEEN = 500

@@ -23,7 +23,9 @@ from simple_searches import CALLS, FUNCTIONS, PLACES, SEARCHES, SEEDS, describe
 
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.functions import of_batch
-from eigenfail.values import CampaignSpec, EpisodeTask, Floats, TrajectorySource
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, TrajectorySource
 from eigenfail_services.methods import robustness_m
 from eigenfail_workers.functions import FunctionEngine
 

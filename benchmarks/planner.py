@@ -59,7 +59,7 @@ def watch() -> tuple[Watched, Watched]:
     """Monte Carlo episodes on cut_in, with every decision and every program watched."""
     from episode_loop import tasks
 
-    from eigenfail.values import CampaignSpec
+    from eigenfail.values.campaign_spec import CampaignSpec
     from eigenfail_workers.engine import Engine
     from eigenfail_workers.planners.rulebook.planner import Rulebook
 

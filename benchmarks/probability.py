@@ -7,7 +7,7 @@ from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
 from samples import COMMAND
 
-from eigenfail.values import AXES
+from eigenfail.values.disturbance import AXES
 from eigenfail_services.statistics.batches import Array
 from eigenfail_services.statistics.pooled_estimate import pool_simulations
 from eigenfail_services.statistics.subset_simulation import (

@@ -22,7 +22,9 @@ from searches import EARLIER, Found, search
 
 from eigenfail import plugins
 from eigenfail.processes import NUMERIC_ENVIRONMENT
-from eigenfail.values import AnalysisSettings, CampaignSpec, Floats
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Failures
 
 TYPES: dict[str, dict[str, str]] = {

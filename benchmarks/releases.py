@@ -21,7 +21,7 @@ from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, share
 
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 from eigenfail.values.release import ModeStatus
 from eigenfail_services.analysis.behaviour import (
     COMPONENTS,

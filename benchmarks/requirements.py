@@ -13,7 +13,9 @@ from learning_figures import of_seeds
 from samples import COMMAND, count_share, mean, share
 from searches import search
 
-from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Markov
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import (
     AnyRequirement,
     Formula,
@@ -23,6 +25,7 @@ from eigenfail.values.requirements import (
     TimeHeadway,
     UncausedBraking,
 )
+from eigenfail.values.shapes import Markov
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_services.statistics.batches import Array
 from eigenfail_services.statistics.pooled_estimate import estimate_ended

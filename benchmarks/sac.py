@@ -45,7 +45,8 @@ def ratio(batch_size: int) -> float:
 
 def trainer(name: str, batch_size: int) -> Any:
     """A trainer with the paper's settings and a memory to draw from."""
-    from eigenfail.values import AXES, STATE
+    from eigenfail.values.disturbance import AXES
+    from eigenfail.values.learning import STATE
     from eigenfail_services.methods.ast.decisions import Decisions
     from eigenfail_services.methods.ast.settings import AstSettings, make_trainer
 

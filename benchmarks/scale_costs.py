@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from simulated_workers import examples
 
 from eigenfail.processes import NUMERIC_ENVIRONMENT
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Ack, Lease, Results, encode
 from eigenfail_services.store import open_store

@@ -18,7 +18,7 @@ from PIL.PngImagePlugin import PngInfo
 from playwright.sync_api import Page, ViewportSize, expect, sync_playwright
 
 from eigenfail.client import Client
-from eigenfail.values import Summary
+from eigenfail.values.summary import Summary
 
 CHROMIUM = shutil.which("chromium-headless-shell") or "/usr/bin/chromium"
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]

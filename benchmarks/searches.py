@@ -17,17 +17,12 @@ from known_problems import Problem
 from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine, Learner
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeResult,
-    EpisodeSetup,
-    Estimate,
-    Floats,
-    LearnerContext,
-    NoiseTrajectory,
-    Predecessor,
-    learner_seed,
-)
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, learner_seed
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Predecessor
 from eigenfail.values.records import FailureCourse, make_failure_course
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.references import stack_noise

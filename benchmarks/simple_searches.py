@@ -15,7 +15,7 @@ from known_problems import Noise, Problem, four_branches, two_modes, walk
 from learning_figures import first_failure, log_p_per_step, of_seeds
 from searches import Crash, Found, search, search_function
 
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 CALLS, SEEDS = 1000, 10
 LEAST_SHARE = 0.05

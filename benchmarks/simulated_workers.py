@@ -25,14 +25,9 @@ from msgspec.structs import replace
 
 from eigenfail import plugins
 from eigenfail.processes import die_with_parent
-from eigenfail.values import (
-    STATE,
-    CampaignSpec,
-    EpisodeResult,
-    EpisodeTask,
-    Outcome,
-    TrajectorySource,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values.learning import STATE
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (
     PROTOCOL,

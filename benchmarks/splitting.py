@@ -11,14 +11,9 @@ from episode_pool import BATCH, EpisodePool, horizon, make_setup
 from figures import Figure
 from samples import COMMAND
 
-from eigenfail.values import (
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Estimate,
-    LearnerContext,
-    learner_seed,
-)
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, learner_seed
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.splitting import MultilevelSplitting, SplittingSettings
 from eigenfail_workers.engine import Engine

@@ -19,7 +19,7 @@ from samples import COMMAND
 from sqlalchemy import text
 from started import wait_until
 
-from eigenfail.values import Estimate
+from eigenfail.values.estimates import Estimate
 from eigenfail_services.methods.subset import SubsetMethod
 
 WORKERS, EPISODES, EPISODE_S = 100, 20_000, 1.0

@@ -7,7 +7,7 @@ import numpy as np
 from courses import Course, course
 from svg import WIDTH, Point, box, dot, line, page, text, turned_box
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.measures.geometry import find_nearest
 
 MOMENTS = 6

@@ -19,7 +19,8 @@ from learning_figures import each, of_seeds
 from samples import COMMAND
 from searches import Crash, Found, evaluations, side_by_side
 
-from eigenfail.values import CampaignSpec, episode_seed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import episode_seed
 from eigenfail.values.variation import read_variation
 from eigenfail_workers.scenarios.cut_in import CutIn, CutInParameters
 

@@ -14,7 +14,8 @@ from figures import Figure
 from samples import COMMAND
 
 from eigenfail import plugins
-from eigenfail.values import EpisodeSetup, EpisodeTask, ExplainedEpisode, TrajectorySource
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.proof import ExplainedEpisode
 from eigenfail_workers.explain import explain
 
 UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))

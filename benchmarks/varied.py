@@ -11,7 +11,7 @@ from figures import Figure
 from samples import share
 from shapes import draw_held_noise
 
-from eigenfail.values import EpisodeSetup
+from eigenfail.values.episode import EpisodeSetup
 
 EPISODES = 300
 

@@ -14,7 +14,9 @@ from pathlib import Path
 import msgspec
 from volume_store import GROUP, delivery, results
 
-from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.export import ExportRequest
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.analysis_jobs import run_analysis

@@ -7,17 +7,14 @@ from contextlib import closing
 import msgspec
 import numpy as np
 
-from eigenfail.values import (
-    CampaignSpec,
-    CampaignState,
-    EpisodeResult,
-    Floats,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Scene,
-)
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
+from eigenfail.values.scene import Scene
 from eigenfail_services.store import Store, open_store
 
 CAMPAIGNS = 5

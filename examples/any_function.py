@@ -22,7 +22,8 @@ def search(method="cem"):
     import numpy as np
 
     from eigenfail import plugins
-    from eigenfail.values import LearnerContext, learner_seed
+    from eigenfail.values.episode import learner_seed
+    from eigenfail.values.learning import LearnerContext
     from eigenfail_services.campaigns.rounds import Rounds, run_in_process
     from eigenfail_workers.functions import FunctionEngine
 

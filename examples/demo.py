@@ -18,7 +18,9 @@ from eigenfail.hosting.service import Plan, local_service
 from eigenfail.presentation.analyses import count_reproductions, describe_modes
 from eigenfail.presentation.campaigns import tabulate_results
 from eigenfail.presentation.terminal import render
-from eigenfail.values import AnalysisSettings, AnalysisState, CampaignSpec, Summary
+from eigenfail.values.analysis import AnalysisSettings, AnalysisState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.summary import Summary
 
 HERE = Path(__file__).parent
 EPISODES = {"monte_carlo": 400, "ast": 400, "difs": 400}

@@ -5,7 +5,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Account, Control, Mission, Perception, VehicleState
+from eigenfail.values.proof import Account
+from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 
 
 class MySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 
 DT_S = 0.1
 STEPS = 200

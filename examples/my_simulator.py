@@ -8,7 +8,9 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Planner, Scenario, Simulation, Situation
 from eigenfail.errors import PlannerError, SimulatorError
-from eigenfail.values import AXES, Channel, Control, Observation, Perception, VehicleState
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.scene import Control, Observation, Perception, VehicleState
 
 LAG_S = 0.3
 BRAKES_MPS2, GAS_MPS2 = 7.0, 2.0

@@ -2,14 +2,10 @@
 
 import numpy as np
 
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    EpisodeTask,
-    LearnerContext,
-    TrajectorySource,
-    learner_seed,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, TrajectorySource, learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.job import analyse

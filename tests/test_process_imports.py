@@ -19,7 +19,7 @@ from stage import CAMPAIGNS, SEED
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher, Plan, local_service
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = pytest.mark.service
 

@@ -11,8 +11,9 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute, iter_route_contexts
 
-from eigenfail import __version__, values
+from eigenfail import __version__
 from eigenfail.errors import EigenfailError
+from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire import http
 
@@ -210,10 +211,10 @@ def _complete(document: Node) -> None:
     components = document["components"]["schemas"]
     for component in components.values():
         _describe_fields(component)
-    for kind in (values.Measures, EpisodeRow):
+    for kind in (Measures, EpisodeRow):
         # Definition and unit of each measure are declared once, for pages and tables as well.
         described = components[kind.__name__]["properties"]
-        for name, measure in values.MEASURES.items():
+        for name, measure in MEASURES.items():
             unit = f" [{measure.unit}]" if measure.unit else ""
             described[name].setdefault("description", f"{measure.formula}{unit}.")
 

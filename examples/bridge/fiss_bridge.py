@@ -16,7 +16,7 @@ import names
 from minimal import Bridge, serve
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values.scene import Control, Observation, VehicleState
 
 DT_S, CONTROLS_PER_STEP, STEPS = 0.1, 2, 100
 LANE_WIDTH_M, ROAD_M = 3.5, (-100.0, 1000.0)

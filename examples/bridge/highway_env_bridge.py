@@ -17,7 +17,7 @@ import numpy as np
 from minimal import Bridge, serve
 from numpy.typing import NDArray
 
-from eigenfail.values import Observation, VehicleState
+from eigenfail.values.scene import Observation, VehicleState
 
 IDLE, FASTER, SLOWER = 1, 3, 4
 PRESENCE, X, Y, VX = range(4)

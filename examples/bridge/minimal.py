@@ -18,8 +18,9 @@ from eigenfail import plugins
 from eigenfail.contracts import Simulation
 from eigenfail.errors import InputError, UnknownName
 from eigenfail.settings import read_settings
-from eigenfail.values import POSITION, Channel, Observation
-from eigenfail.values.channels import ALL_CHANNELS, EVERY, VEHICLE, split_name
+from eigenfail.values.channels import ALL_CHANNELS, EVERY, VEHICLE, Channel, split_name
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.scene import Observation
 
 Open = Callable[[dict[str, Any]], Simulation]
 Act = Callable[[dict[int, Any], dict[str, Any]], dict[str, Any]]

@@ -14,7 +14,7 @@ import highway_env
 import numpy as np
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import Observation, VehicleState
+from eigenfail.values.scene import Observation, VehicleState
 
 CHANNELS = ["longitudinal", "lateral", "speed", "missed"]
 BORDER_POINTS = 50

@@ -17,7 +17,7 @@ from minimal import Bridge, serve
 from msgspec.json import decode, encode
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import Observation
+from eigenfail.values.scene import Observation
 
 WELCOME = {
     "type": "welcome",

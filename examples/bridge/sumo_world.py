@@ -15,7 +15,7 @@ import libsumo
 from libsumo import vehicle
 from msgspec.json import decode, encode
 
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values.scene import Control, Observation, VehicleState
 
 DT_S, STEPS = 0.1, 120
 MODELS = ("ACC", "IDM", "Krauss")

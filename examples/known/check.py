@@ -11,7 +11,9 @@ from known import PROBLEMS, Problem
 
 from eigenfail import plugins
 from eigenfail.errors import InputError
-from eigenfail.values import Estimate, LearnerContext, learner_seed
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_workers.functions import FunctionEngine

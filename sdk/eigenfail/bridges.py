@@ -15,8 +15,9 @@ from msgspec import Meta
 
 from eigenfail.addresses import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import CampaignSpec, DisturbanceModel
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import CHANNELS_FIELD, EVERY, SCENARIO, split_name
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.signals import BRIDGE
 from eigenfail.values.variation import Variation, read_variation
 

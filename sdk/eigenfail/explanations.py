@@ -15,17 +15,11 @@ import msgspec
 from eigenfail import logs, processes
 from eigenfail.processes import answer
 from eigenfail.replays import ReplayQuestion, answer_replays, explain_episode
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeResult,
-    ExplainedEpisode,
-    ExplainedStep,
-    Explanation,
-    Outcome,
-    Replayed,
-    Scene,
-)
 from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep, Explanation, Replayed
+from eigenfail.values.scene import Scene
 
 MISJUDGED_MPS = 3.0
 """A closing speed that the planner underestimates by more than this is mentioned."""

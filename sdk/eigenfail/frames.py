@@ -18,26 +18,18 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.filters import COLUMNS, ColumnKind, find_column, read_value
-from eigenfail.values import (
-    Analysis,
-    AnalysisResult,
-    CampaignCost,
-    Comparison,
-    Course,
-    EpisodeResult,
-    Mode,
-    NoiseTrajectory,
-    Safety,
-)
+from eigenfail.values.analysis import Analysis, AnalysisResult, Mode
 from eigenfail.values.campaign import Counts
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import name_columns
-from eigenfail.values.disturbance import number_channels
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.disturbance import NoiseTrajectory, number_channels
+from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.rows import NO_COLUMNS, Columns, Rows
-from eigenfail.values.safety import FailurePoint
+from eigenfail.values.safety import FailurePoint, Safety
 from eigenfail.values.suite import SuiteTable
-from eigenfail.values.summary import CostPoint, CourseBlock
+from eigenfail.values.summary import CampaignCost, CostPoint, Course, CourseBlock
 from eigenfail.wire.http import encode
 
 if TYPE_CHECKING:

@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
-from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, White
 from eigenfail.values.analysis import JOINT, LONGEST_CHANNEL
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import MOST_CHANNELS
+from eigenfail.values.disturbance import AXES, DisturbanceModel
+from eigenfail.values.shapes import Correlated, White
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""

@@ -5,7 +5,8 @@ from math import exp, inf, lgamma, log, log1p, sqrt
 from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Difference, Interval, McNemar, PairTotals, Rate
+from eigenfail.values.comparison import Difference, McNemar, PairTotals
+from eigenfail.values.estimates import Interval, Rate
 
 ERROR = 0.05
 Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)

@@ -10,11 +10,13 @@ from eigenfail import plugins
 from eigenfail.contracts import MethodTraits, Paced
 from eigenfail.errors import EigenfailError
 from eigenfail.settings import read_settings
-from eigenfail.values import Campaign, CampaignSpec, RoundSizes
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.learning import (
     IN_FLIGHT,
     MOST_OPEN_ROUNDS,
     OPEN_GROUPS,
+    RoundSizes,
     choose_group_size,
     count_rounds_ahead,
 )

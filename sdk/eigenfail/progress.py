@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from eigenfail.values import Campaign
+from eigenfail.values.campaign import Campaign
 
 LINE_EVERY_S = 5.0
 FIRST_LINE_S = 5.0

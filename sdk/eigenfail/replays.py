@@ -11,18 +11,17 @@ import numpy as np
 from eigenfail import functions, plugins, processes
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.process_state import ProcessState
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.arrays import encode_array
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
-    ExplainedEpisode,
     Outcome,
     PriorSource,
-    Replayed,
     TrajectorySource,
 )
-from eigenfail.values.arrays import encode_array
 from eigenfail.values.operations import DRAWN_AGAIN
+from eigenfail.values.proof import ExplainedEpisode, Replayed
 from eigenfail.values.records import EpisodeRow
 from eigenfail.worlds import world_of
 

@@ -19,8 +19,9 @@ import msgspec
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import TableColumns, read_table, read_toml
 from eigenfail.settings import convert, read_settings
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceModel
-from eigenfail.values.campaign_spec import Name
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, Name
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.variation import MOST_SAMPLES
 from eigenfail.wire.http import make_plain, refuse_unknown_fields
 

@@ -16,14 +16,8 @@ from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
-from eigenfail.values import (
-    CampaignSpec,
-    DisturbanceModel,
-    EpisodeSetup,
-    NoiseTrajectory,
-    requirements,
-    signals,
-)
+from eigenfail.values import requirements, signals
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import (
     ALL_CHANNELS,
     CHANNELS_FIELD,
@@ -32,6 +26,8 @@ from eigenfail.values.channels import (
     VEHICLE,
     split_name,
 )
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import EpisodeSetup
 from eigenfail.values.variation import Variation, read_variation
 
 Described = CampaignSpec | EpisodeSetup

@@ -16,7 +16,7 @@ import msgspec
 
 from eigenfail import __version__, filters
 from eigenfail.errors import InvalidValue
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import PORTION, EpisodeRow
 from eigenfail.worlds import list_channels

@@ -5,19 +5,13 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    CampaignState,
-    EpisodeFault,
-    EpisodeResult,
-    FailureMode,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Scene,
-)
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
+from eigenfail.values.scene import Scene
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store import open_store

@@ -4,7 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisSettings, Outcome, StopRules
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import Outcome
 
 URL = "/api/v1/analyses"
 

@@ -2,7 +2,9 @@
 
 import pytest
 
-from eigenfail.values import CampaignSpec, CampaignState, Outcome
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
 from eigenfail_api.routes import campaigns
 
 URL = "/api/v1/campaigns"

@@ -2,7 +2,8 @@
 
 import pytest
 
-from eigenfail.values import Comparison, Outcome
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.episode import Outcome
 
 URL = "/api/v1/comparisons"
 

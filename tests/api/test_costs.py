@@ -2,7 +2,8 @@
 
 import pytest
 
-from eigenfail.values import CampaignCost, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.summary import CampaignCost
 
 URL = "/api/v1/campaigns"
 

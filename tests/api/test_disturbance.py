@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from eigenfail.client import Client
-from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed, NoiseTrajectory, Outcome
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import Outcome
+from eigenfail.values.shapes import Correlated, HeavyTailed
 from eigenfail_api.dashboard.scene import make_noise_chart
 
 URL = "/api/v1/campaigns"

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.operations import Arrival
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE
 

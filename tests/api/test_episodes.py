@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 
 URL = "/api/v1/campaigns"
 

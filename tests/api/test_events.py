@@ -9,7 +9,7 @@ import fastapi.routing
 import msgspec
 import pytest
 
-from eigenfail.values import Event
+from eigenfail.values.operations import Event
 from eigenfail_api.routes import events as feed_module
 from eigenfail_api.routes.events import BATCH, EventFeed
 

@@ -13,12 +13,12 @@ from store_checks.examples import name_channels, result_of, running
 
 from eigenfail import plugins, processes
 from eigenfail.errors import ServiceBusy, ServiceError
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
-    NoiseTrajectory,
     Outcome,
     TrajectorySource,
 )

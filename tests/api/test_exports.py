@@ -15,7 +15,7 @@ from store_checks.examples import deliver, name_channels, result_of, running
 
 import eigenfail
 from eigenfail.filters import COLUMNS
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

@@ -160,7 +160,9 @@ def test_a_route_answers_and_refuses_like_those_of_the_core(bring, serve, read, 
 
 def test_the_example_of_the_documents_counts_failures(bring, serve, fields):
     text = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text()
-    (code,) = re.findall(r"^```python\n(# eigenfail-tally/.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    (code,) = re.findall(
+        r"^```python\n(# eigenfail-tally/.*?)^```$", text, re.MULTILINE | re.DOTALL
+    )
     (html,) = re.findall(r"^```html\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     bring(code, "eigenfail-tally", ("tally.html", html))
     http = serve()

@@ -12,7 +12,7 @@ from eigenfail.cli.main import app as commands
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, NotFound
 from eigenfail.settings import read_settings
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process

@@ -8,8 +8,8 @@ from starlette.testclient import TestClient
 from eigenfail import plugins
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, NotFound
-from eigenfail.values import LearnerContext
 from eigenfail.values.estimates import ChainMixing, ProjectionMixing
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 

@@ -16,7 +16,7 @@ from store_checks.releases import release
 
 from eigenfail.errors import EigenfailError
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail.wire.http import list_error_types, slugify
 from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_api.openapi import parse_attributes

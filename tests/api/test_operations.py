@@ -7,7 +7,7 @@ from threading import Event
 import pytest
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Arrival
 from eigenfail_api.routes import operations
 from eigenfail_services.campaigns import summary

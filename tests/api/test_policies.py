@@ -5,7 +5,9 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignState, LearnerContext, Policy, learner_seed
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext, Policy
 from eigenfail.wire.http import decode as read
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_workers.engine import Engine

@@ -5,7 +5,8 @@ import pytest
 from eigenfail.client import Client
 from eigenfail.client.link import read_refusal
 from eigenfail.errors import NoisePruned
-from eigenfail.values import CampaignState, Outcome
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Retention, Weight
 
 URL = "/api/v1/campaigns"

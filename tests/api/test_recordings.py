@@ -8,15 +8,10 @@ from tiny_formats import FORMATS, PIXEL
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    EpisodeTask,
-    Explanation,
-    Outcome,
-    PriorSource,
-    Replayed,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
+from eigenfail.values.proof import Explanation, Replayed
 from eigenfail_api.routes import recordings
 from eigenfail_services.campaigns import recordings as recorded
 

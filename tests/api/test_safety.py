@@ -2,7 +2,9 @@
 
 import pytest
 
-from eigenfail.values import Outcome, Region, Safety
+from eigenfail.values.comparison import Region
+from eigenfail.values.episode import Outcome
+from eigenfail.values.safety import Safety
 
 URL = "/api/v1/campaigns"
 

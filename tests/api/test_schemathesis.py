@@ -11,17 +11,12 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from schemathesis.generation import GenerationMode
 
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    CampaignSpec,
-    EpisodeResult,
-    FailureMode,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

@@ -4,7 +4,7 @@ import pytest
 
 from eigenfail.client import Client
 from eigenfail.suites import Suite, SuiteFile
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail_api import concurrency
 from eigenfail_services.campaigns.suites import refuse_large_suite
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 
 
 @pytest.fixture

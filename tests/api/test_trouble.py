@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 
 CAMPAIGNS = "/api/v1/campaigns"
 HTML = {"Accept": "text/html"}

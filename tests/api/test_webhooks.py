@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.webhooks import MAX_WEBHOOKS
 
 URL = "https://hooks.example/eigenfail"

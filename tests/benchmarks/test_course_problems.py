@@ -45,7 +45,7 @@ def test_every_method_that_prints_an_interval_is_judged():
 def test_a_campaign_without_a_number_counts_as_an_estimate_of_0():
     from intervals import judge
 
-    from eigenfail.values import Estimate
+    from eigenfail.values.estimates import Estimate
     from eigenfail_services.statistics.intervals import log_normal
 
     told = Estimate(by="", episodes=1, probability=0.1, cv=0.1, interval=log_normal(0.1, 0.1))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisSettings
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import FailureCourse
 
 ROOT = Path(__file__).parents[2]

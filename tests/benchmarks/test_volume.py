@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail_services.store import open_store
 
 TOTAL = 1_200

@@ -15,23 +15,22 @@ from store_checks.gates import make_report
 
 from eigenfail import plugins
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import Overhead
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
-    Estimate,
-    Interval,
-    Measures,
-    NoiseTrajectory,
     Outcome,
-    Overhead,
-    Scene,
     TrajectorySource,
+    unrunnable,
 )
-from eigenfail.values.episode import unrunnable
+from eigenfail.values.estimates import Estimate, Interval
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
+from eigenfail.values.scene import Scene
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

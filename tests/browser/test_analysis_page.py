@@ -9,13 +9,10 @@ from msgspec.structs import replace
 from playwright.sync_api import expect
 from store_checks.examples import analyse_function
 
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeResult,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.worlds import drawn_for
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = pytest.mark.browser
 

@@ -5,7 +5,7 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from eigenfail.values import AnalysisSettings
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail_api.dashboard import campaign_page
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 

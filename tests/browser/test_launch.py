@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from eigenfail.cli.specs import read_spec
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = pytest.mark.browser
 

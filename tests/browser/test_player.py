@@ -8,17 +8,12 @@ from msgspec.structs import replace
 from playwright.sync_api import expect
 
 from eigenfail import plugins
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeResult,
-    EpisodeTask,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Scene,
-    TrajectorySource,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
+from eigenfail.values.scene import Scene
 
 pytestmark = pytest.mark.browser
 

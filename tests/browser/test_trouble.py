@@ -64,7 +64,7 @@ def test_a_page_takes_up_its_stream_after_a_restart(service, visit, new_campaign
 
 @pytest.fixture
 def new_campaign():
-    from eigenfail.values import CampaignSpec
+    from eigenfail.values.campaign_spec import CampaignSpec
 
     return lambda store, name: store.campaigns.create(
         CampaignSpec(name=name, method="monte_carlo", episodes=5)

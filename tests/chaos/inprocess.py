@@ -10,7 +10,8 @@ from pathlib import Path
 
 import deadlines
 
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.server import Hub

@@ -12,7 +12,8 @@ from proxy import Proxy
 from sqlalchemy import TextClause, text
 from started import Controller, Services, Started, Worker, free_port, wait_until
 
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.store import open_store
 
 SEED = 17

@@ -18,7 +18,8 @@ from fake_services import FakeLearner, fake_hub, fake_learners, quiet
 from fake_worker import FakeWorker
 from inprocess import NoAnalyses
 
-from eigenfail.values import FINAL_STATES, CampaignSpec, CampaignState
+from eigenfail.values.campaign import FINAL_STATES, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import commits, worker_sessions

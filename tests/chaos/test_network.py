@@ -19,7 +19,13 @@ from inprocess import PATIENCE_S, Service, worker_at
 from msgspec.structs import replace
 from proxy import Line, Proxy, Way
 
-from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSource, unrunnable
+from eigenfail.values.episode import (
+    EpisodeFault,
+    EpisodeResult,
+    EpisodeTask,
+    PriorSource,
+    unrunnable,
+)
 from eigenfail.values.scene import Scene
 from eigenfail.wire.messages import (
     MAX_FRAME_BYTES,

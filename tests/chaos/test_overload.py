@@ -11,7 +11,7 @@ import pytest
 from inprocess import Service, worker_at
 from structlog.testing import capture_logs
 
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail_api.routes.campaigns import CANCEL, steer
 from eigenfail_services.hub.worker_sessions import SILENCE_LIMIT_S
 

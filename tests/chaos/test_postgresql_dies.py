@@ -18,7 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from stage import Stage
 from started import Services, wait_until
 
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 

@@ -15,7 +15,8 @@ from damages import DAMAGES
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import CampaignState, DisturbanceModel, NoiseTrajectory
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.shapes import Correlated
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
 from eigenfail_services.methods import archive

@@ -12,7 +12,7 @@ from started import wait_until
 from storm import write_lock
 
 from eigenfail.client import Client
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 

@@ -15,7 +15,7 @@ from stage import Stage
 from started import Services, wait_until
 
 from eigenfail.signatures import make_secret, verify_message
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.webhooks import WebhookEvent, WebhookRequest
 from eigenfail_services.store import open_store
 

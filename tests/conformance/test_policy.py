@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from eigenfail.values import STATE
+from eigenfail.values.learning import STATE
 from eigenfail_services.methods.ast.settings import SacOptions
 from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
 from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer

@@ -6,7 +6,7 @@ from eigenfail import plugins
 from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS
-from eigenfail.values import POSITION
+from eigenfail.values.disturbance import POSITION
 
 PLANNERS = [name for name in plugins.names(plugins.PLANNERS) if not name.startswith("test_")]
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from eigenfail.filters import COLUMNS
-from eigenfail.values import MEASURES
+from eigenfail.values.measures import MEASURES
 from eigenfail.values.signals import SIGNALS
 
 DOCS = Path(__file__).parents[2] / "docs"

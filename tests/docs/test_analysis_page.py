@@ -4,8 +4,13 @@ import re
 
 import pytest
 
-from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
-from eigenfail.values.analysis import FEWEST_OF_MODE, STABLE
+from eigenfail.values.analysis import (
+    FEWEST_OF_MODE,
+    STABLE,
+    AnalysisResult,
+    AnalysisSettings,
+    FailureMode,
+)
 from eigenfail_services.analysis import alignment, behaviour, clusters, components
 from eigenfail_services.methods.subset import MIN_EFFECTIVE_FIRST_DRAWS
 from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE

@@ -11,8 +11,11 @@ import eigenfail.client
 from eigenfail.cli import main
 from eigenfail.errors import UnknownName
 from eigenfail.filters import parse_fields, parse_filter, parse_sort
-from eigenfail.values import CampaignSpec, EpisodeResult, Measures, NoiseTrajectory, Outcome
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.export import ExportRequest
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.wire.http import read_body
 from eigenfail_api.app import create_app

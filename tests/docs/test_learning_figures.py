@@ -4,7 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.values import CampaignSpec, NoiseTrajectory
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
 
 
 @pytest.fixture(autouse=True)

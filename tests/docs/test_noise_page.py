@@ -6,8 +6,10 @@ from typing import get_args
 
 import msgspec
 
-from eigenfail.values import CampaignSpec, DisturbanceModel, Markov, Shape
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import EGO, GHOST_AHEAD_M, QUANTITIES
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.shapes import Markov, Shape
 
 KINDS = {kind.__struct_config__.tag: kind for kind in get_args(Shape)}
 

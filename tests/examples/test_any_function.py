@@ -20,8 +20,9 @@ from eigenfail.functions import ALLOWED_VARIABLE
 from eigenfail.presentation.campaigns import describe_campaign
 from eigenfail.presentation.terminal import render
 from eigenfail.replays import explain_episode, make_replay_task, replay_episode
-from eigenfail.values import Correlated, DisturbanceModel
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.records import Delivery
+from eigenfail.values.shapes import Correlated
 from eigenfail.worlds import list_simulators, world_of
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

@@ -15,7 +15,8 @@ from scipy.stats import chi2, ncx2, norm
 
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.functions import ALLOWED_VARIABLE
-from eigenfail.values import LearnerContext, learner_seed
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.methods.subset import SubsetMethod, SubsetMethodSettings
@@ -267,7 +268,7 @@ def test_a_wrong_number_is_called_wrong(known, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, str(FOLDER)])
     from check import format_row, is_right
 
-    from eigenfail.values import Estimate, Interval
+    from eigenfail.values.estimates import Estimate, Interval
 
     def say(probability, low, high, **more):
         around = Interval(low, high) if low else None

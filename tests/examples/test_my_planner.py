@@ -15,7 +15,7 @@ from eigenfail.cli.main import app
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InvalidValue
 from eigenfail.testing.planner import PLANNER_CHECKS
-from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
+from eigenfail.values.episode import EpisodeTask, PriorSource, TrajectorySource, episode_seed
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.explain import explain
 

@@ -20,13 +20,8 @@ from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS
-from eigenfail.values import (
-    POSITION,
-    EpisodeTask,
-    PriorSource,
-    TrajectorySource,
-    episode_seed,
-)
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.episode import EpisodeTask, PriorSource, TrajectorySource, episode_seed
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.simulators.highway import HighwaySimulator
 

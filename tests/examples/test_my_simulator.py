@@ -12,7 +12,9 @@ import pytest
 from eigenfail import plugins
 from eigenfail.cli.specs import read_spec
 from eigenfail.testing.simulation import SIMULATION_CHECKS
-from eigenfail.values import POSITION, CampaignSpec, EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.episode import EpisodeTask, Outcome, TrajectorySource
 from eigenfail_workers.engines import make_engine
 from eigenfail_workers.planners.idm import IntelligentDriver
 from eigenfail_workers.scenarios.cut_in import CutIn

@@ -30,8 +30,8 @@ import psutil
 from fastapi.routing import APIRoute
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import AnalysisSettings
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_services.access import make_key

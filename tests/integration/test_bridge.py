@@ -12,7 +12,9 @@ import pytest
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.explanations import encode_question, explain_in_process
 from eigenfail.replays import replay_episode
-from eigenfail.values import AnalysisState, CampaignSpec, CampaignState
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 
 pytestmark = pytest.mark.service
 

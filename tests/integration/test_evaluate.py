@@ -4,7 +4,7 @@ import deadlines
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = pytest.mark.service
 

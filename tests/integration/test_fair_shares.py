@@ -5,7 +5,8 @@ import time
 import deadlines
 import pytest
 
-from eigenfail.values import CampaignState, Priority
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import Priority
 
 pytestmark = pytest.mark.service
 

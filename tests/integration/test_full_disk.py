@@ -15,7 +15,7 @@ import pytest
 from eigenfail.client import Client
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
-from eigenfail.values import CampaignState, Counts
+from eigenfail.values.campaign import CampaignState, Counts
 from eigenfail_services.upkeep.verify import verify
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]

@@ -16,7 +16,7 @@ import pytest
 from eigenfail.client import Client
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail_services.hub.keys import KeyFolder
 from eigenfail_services.upkeep.backup import backup
 from eigenfail_services.upkeep.verify import verify

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec, CampaignState, LearnerContext, learner_seed
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.store import open_store
 

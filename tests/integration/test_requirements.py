@@ -9,7 +9,8 @@ from short_searches import CONTINUING, SEARCHES, wait_until_done
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import AnalysisState, Outcome
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.episode import Outcome
 
 pytestmark = pytest.mark.service
 

@@ -10,7 +10,8 @@ from short_searches import SEARCHES, wait_until_done
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import Suite
-from eigenfail.values import AnalysisState, Outcome
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.episode import Outcome
 from eigenfail.worlds import drawn_for, placed_for
 
 pytestmark = pytest.mark.service

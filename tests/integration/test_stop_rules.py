@@ -5,7 +5,7 @@ import time
 import deadlines
 import pytest
 
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 pytestmark = pytest.mark.service
 

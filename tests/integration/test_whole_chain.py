@@ -9,13 +9,9 @@ import pytest
 from eigenfail import plugins
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, UnknownName
-from eigenfail.values import (
-    AnalysisState,
-    CampaignState,
-    EpisodeTask,
-    Outcome,
-    TrajectorySource,
-)
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.episode import EpisodeTask, Outcome, TrajectorySource
 
 pytestmark = pytest.mark.service
 

@@ -13,7 +13,7 @@ from zmq.utils import z85
 from eigenfail.client import Client
 from eigenfail.files import read_private
 from eigenfail.hosting.service import Launcher
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.wire.keys import encode_key, read_worker_key
 from eigenfail_services.hub.keys import KeyFolder
 

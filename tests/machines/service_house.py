@@ -8,7 +8,7 @@ from service_workers import FakeWorker, Key
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result
-from eigenfail.values import FINAL_STATES, CampaignState
+from eigenfail.values.campaign import FINAL_STATES, CampaignState
 from eigenfail.wire.messages import Ack, Lease, Results, encode, read_hub_message
 from eigenfail_api.routes.campaigns import RESUME, steer
 from eigenfail_services.campaigns.supervisor import Supervisor

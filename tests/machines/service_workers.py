@@ -1,6 +1,6 @@
 """The workers of a played service: what a true one does, when the test says so."""
 
-from eigenfail.values import PolicySource
+from eigenfail.values.episode import PolicySource
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,

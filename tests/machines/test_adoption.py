@@ -18,7 +18,7 @@ from fake_worker import FakeEngine, FakeWorker
 from sqlalchemy import select
 
 from eigenfail.testing.examples import spec
-from eigenfail.values import EpisodeResult, EpisodeTask
+from eigenfail.values.episode import EpisodeResult, EpisodeTask
 from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.runs import RunSpec

@@ -9,8 +9,8 @@ from fake_worker import FakeWorker
 
 from eigenfail.errors import ProtocolError
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import EpisodeTask, Policy, PolicySource, PriorSource
-from eigenfail.values.learning import MOST_POLICIES
+from eigenfail.values.episode import EpisodeTask, PolicySource, PriorSource
+from eigenfail.values.learning import MOST_POLICIES, Policy
 from eigenfail.wire.messages import (
     PROTOCOL,
     Heartbeat,

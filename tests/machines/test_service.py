@@ -28,7 +28,7 @@ from service_workers import FakeWorker
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing.examples import result
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.wire.messages import Goodbye, Results
 from eigenfail_api.routes.campaigns import CANCEL, PAUSE, RESUME, steer
 from eigenfail_services.campaigns import supervisor

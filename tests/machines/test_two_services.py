@@ -17,7 +17,9 @@ from fake_services import fake_hub, fake_learners
 from structlog.testing import capture_logs
 
 from eigenfail.testing.examples import result
-from eigenfail.values import CampaignSpec, CampaignState, episode_seed
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import episode_seed
 from eigenfail.wire.messages import (
     PROTOCOL,
     Drop,

@@ -15,7 +15,9 @@ from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_a
 from lives import lives
 from msgspec.structs import replace
 
-from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, Policy, PolicySource, PriorSource
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, Outcome, PolicySource, PriorSource
+from eigenfail.values.learning import Policy
 from eigenfail.wire.messages import (
     FINISHED,
     PROTOCOL,

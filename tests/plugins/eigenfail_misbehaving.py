@@ -13,7 +13,7 @@ from threading import Event, Thread
 import msgspec
 import numpy as np
 
-from eigenfail.values import Control
+from eigenfail.values.scene import Control
 
 
 class Planner:

@@ -10,7 +10,9 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import LearnerDiverged, ProtocolError
-from eigenfail.values import Estimate, Layer, Policy, PolicySource, Proposal, TrajectorySource
+from eigenfail.values.episode import PolicySource, TrajectorySource
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import Layer, Policy, Proposal
 
 UNMEASURED_M = 3.0
 

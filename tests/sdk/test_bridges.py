@@ -7,7 +7,9 @@ from eigenfail import bridges
 from eigenfail.cli.gate import list_packages
 from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import Formula
 from eigenfail.wire.http import make_error, make_problem
 from eigenfail.worlds import drawn_for, list_simulators, world_of

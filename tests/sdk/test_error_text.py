@@ -16,7 +16,7 @@ from eigenfail.errors import (
     describe_error,
     read_text,
 )
-from eigenfail.values import EpisodeFault, EpisodeTask, PriorSource, unrunnable
+from eigenfail.values.episode import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.wire.http import make_error, make_problem
 from eigenfail.wire.messages import Results, encode, read_worker_message
 from eigenfail_workers.faults import make_fault, wrap_errors

@@ -17,7 +17,9 @@ from eigenfail.functions import (
     require_module,
 )
 from eigenfail.hosting.service import Plan
-from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, HeavyTailed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import AXES, DisturbanceModel
+from eigenfail.values.shapes import Correlated, HeavyTailed
 from eigenfail.worlds import world_of
 
 ON = {"name": "n", "method": "monte_carlo", "episodes": 1, "scenario": "function"}

@@ -13,9 +13,10 @@ from eigenfail.cli.key import parse_duration
 from eigenfail.cli.specs import parse_changes
 from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
 from eigenfail.files import read_private
-from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail.values.access import Quotas
 from eigenfail.values.arrays import PackedArray, decode_array, encode_array, pack, unpack
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.wire.http import read_body, read_plain
 from eigenfail.wire.keys import (
     WorkerKey,

@@ -11,7 +11,9 @@ from eigenfail.cli import episode
 from eigenfail.explanations import describe_replay
 from eigenfail.fingerprints import fingerprint_plugins
 from eigenfail.replays import explain_episode, replay_episode, run_once
-from eigenfail.values import CampaignSpec, Control, EpisodeTask, PriorSource
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, PriorSource
+from eigenfail.values.scene import Control
 from eigenfail.versions import versions
 
 SPEC = CampaignSpec(

@@ -8,7 +8,8 @@ from msgspec import Meta
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import convert, defaults_of, read_settings
-from eigenfail.values import AnalysisSettings, CampaignSpec
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign_spec import CampaignSpec
 
 
 class Inner(msgspec.Struct, frozen=True):

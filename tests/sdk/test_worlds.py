@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.worlds import PLUGIN_WORLD, describe_disturbance, drawn_for, world_of
 
 ROAD = CampaignSpec(name="n", method="monte_carlo", episodes=1, planner="idm")

@@ -1,7 +1,8 @@
 """Campaigns of chains, from the failures of an earlier campaign, run in this process."""
 
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process

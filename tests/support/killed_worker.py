@@ -9,7 +9,7 @@ import psutil
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import LocalService
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 ListWorkers = Callable[[LocalService], list[psutil.Process]]
 """The processes of the workers of a service."""

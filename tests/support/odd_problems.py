@@ -5,7 +5,8 @@ import numpy as np
 from eigenfail import plugins
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
-from eigenfail.values import LearnerContext, learner_seed
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.functions import FunctionEngine
 

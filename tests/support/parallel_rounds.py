@@ -9,7 +9,9 @@ import numpy as np
 
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import EpisodeResult, EpisodeTask, LearnerContext, StopRules
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import EpisodeResult, EpisodeTask
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 STEPS = 5

@@ -11,18 +11,17 @@ import msgspec
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
     Importance,
-    Layer,
-    Policy,
     PolicySource,
     PriorSource,
     TrajectorySource,
     episode_seed,
 )
+from eigenfail.values.learning import Layer, Policy
 
 EPISODES = 4
 WORLDS = [

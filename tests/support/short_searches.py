@@ -3,7 +3,7 @@
 import deadlines
 
 from eigenfail import plugins
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 
 KNOWN = {
     "monte_carlo": (40, {}),

@@ -32,7 +32,7 @@ import msgspec
 from eigenfail.cli.specs import check_plugins
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.suites import Suite, replace_references
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -8,7 +8,7 @@ from eigenfail import plugins
 from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
 from eigenfail.client import Client
-from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
+from eigenfail.values.episode import EpisodeTask, PriorSource, TrajectorySource, episode_seed
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

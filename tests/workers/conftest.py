@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import (
-    Control,
-    DisturbanceModel,
-    EpisodeSetup,
-    Mission,
-    Perception,
-    VehicleState,
-)
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup
+from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 from eigenfail_workers.engine import Engine
 
 STEPS = 60

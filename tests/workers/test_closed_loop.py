@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
-from eigenfail.values import POSITION, Control, Mission, Perception, VehicleState
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 from eigenfail_workers.closed_loop import DrivenSimulation, validate_control
 from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.values import GroundTruth

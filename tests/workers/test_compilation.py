@@ -95,7 +95,7 @@ def test_what_is_compiled_has_no_classes_of_msgspec(module: str) -> None:
 
 NUMBERS = """
 import numpy as np
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.measures.recorder import Recorder
 for number in (1, True, 0.1, np.float64(0.1), np.float32(0.1), np.int64(2), np.nan, None, "1.5"):

@@ -9,22 +9,19 @@ import pytest
 
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import (
-    STATE,
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
     Importance,
-    Layer,
     Outcome,
-    Policy,
     PolicySource,
     PriorSource,
     Source,
     TrajectorySource,
-    VehicleState,
     episode_seed,
 )
-from eigenfail.values.learning import MOST_POLICIES
+from eigenfail.values.learning import MOST_POLICIES, STATE, Layer, Policy
+from eigenfail.values.scene import VehicleState
 
 MakeEngine = Callable[..., EpisodeEngine]
 

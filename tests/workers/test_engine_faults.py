@@ -14,20 +14,18 @@ import pytest
 from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.errors import ServiceError, SolverError
-from eigenfail.values import (
-    Control,
-    DisturbanceModel,
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
-    Observation,
     Outcome,
     PolicySource,
     PriorSource,
     TrajectorySource,
-    VehicleState,
     episode_seed,
 )
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.engine import Engine
 
 MakeEngine = Callable[..., EpisodeEngine]

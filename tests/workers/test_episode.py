@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import pytest
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import DisturbanceModel, Observation, VehicleState
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.episode import run_episode
 from eigenfail_workers.measures.recorder import Recorder
 

@@ -11,17 +11,16 @@ import pytest
 from eigenfail import plugins
 from eigenfail.explanations import tell_story
 from eigenfail.testing.scenario import are_apart
-from eigenfail.values import (
-    CampaignSpec,
-    Control,
-    DisturbanceModel,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeSetup,
     EpisodeTask,
     Outcome,
     PriorSource,
     TrajectorySource,
-    VehicleState,
 )
+from eigenfail.values.scene import Control, VehicleState
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.explain import explain

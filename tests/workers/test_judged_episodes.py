@@ -3,12 +3,11 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import (
-    Channel,
-    DisturbanceModel,
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeSetup,
     EpisodeTask,
-    Markov,
     Outcome,
     PriorSource,
     TrajectorySource,
@@ -23,6 +22,7 @@ from eigenfail.values.requirements import (
     TimeHeadway,
     UncausedBraking,
 )
+from eigenfail.values.shapes import Markov
 from eigenfail_workers.engine import Engine
 
 TASKS = tuple(EpisodeTask(index, 300 + index, PriorSource()) for index in range(12))

@@ -7,14 +7,8 @@ import pytest
 from msgspec import structs
 
 from eigenfail import plugins
-from eigenfail.values import (
-    ConflictClass,
-    EpisodeResult,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-    assess,
-)
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, PriorSource
+from eigenfail.values.records import ConflictClass, assess
 from eigenfail_workers.engine import Engine
 
 MakeEngine = Callable[..., Engine]

@@ -5,8 +5,8 @@ from math import isnan
 import pytest
 from msgspec.structs import asdict, replace
 
-from eigenfail.values import Channel, Observation, VehicleState
-from eigenfail.values.channels import QUANTITIES
+from eigenfail.values.channels import QUANTITIES, Channel
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.perception import LEAST_SIZE_M, SensorErrors
 
 EGO = VehicleState(0.0, 0.0, 0.0, 24.0, 12.0, 2.5)

@@ -7,14 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import (
-    CampaignSpec,
-    DisturbanceModel,
-    EpisodeSetup,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, Outcome, PriorSource
 from eigenfail.values.requirements import Formula
 from eigenfail.worlds import world_of
 from eigenfail_workers.accounts import RecordedStep, RecordingPlanner

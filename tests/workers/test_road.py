@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.motion import is_off_road
 
 TWO_LANES = Mission(0.1, 2, 3.5, 25.0, 24.0, 1000.0)

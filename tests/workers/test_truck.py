@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import Control
+from eigenfail.values.scene import Control
 from eigenfail_workers.motion import clip_control, max_drive_mps2
 
 anything = st.floats(allow_nan=False, allow_infinity=False)

@@ -6,16 +6,16 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import (
     EpisodeTask,
-    LearnerContext,
     Outcome,
     PriorSource,
     TrajectorySource,
     episode_seed,
     learner_seed,
 )
+from eigenfail.values.learning import LearnerContext
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import PLUGIN_WORLD
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process

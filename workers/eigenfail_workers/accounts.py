@@ -7,7 +7,8 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import PlannerError, read_text
-from eigenfail.values import Account, Control, Mission, Observation, Path, Perception
+from eigenfail.values.proof import Account, Path
+from eigenfail.values.scene import Control, Mission, Observation, Perception
 from eigenfail.values.shapes import Row
 from eigenfail.values.signals import PLANNER, is_signal_value
 from eigenfail_workers.closed_loop import validate_control

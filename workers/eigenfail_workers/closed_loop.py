@@ -5,8 +5,8 @@ from typing import Any, Protocol
 
 from eigenfail.contracts import Planner, ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
-from eigenfail.values import Control, Mission, Observation
 from eigenfail.values.arrays import RANGE, fits_float32
+from eigenfail.values.scene import Control, Mission, Observation
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.measures.encounters import make_start_error

@@ -12,7 +12,8 @@ from eigenfail import errors, plugins
 from eigenfail.contracts import Planner, Simulation
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.learning import Policy
 from eigenfail.values.signals import PLANNER
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import resolve_disturbance

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from eigenfail import bridges, functions
 from eigenfail.contracts import EpisodeEngine
-from eigenfail.values import EpisodeSetup
+from eigenfail.values.episode import EpisodeSetup
 from eigenfail_workers.bridge.engine import make_bridge_engine
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.functions import make_function_engine

@@ -4,20 +4,18 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Simulation
 from eigenfail.errors import SimulatorError
-from eigenfail.values import (
-    Conversion,
-    DisturbanceModel,
+from eigenfail.values.channels import PARAMETER
+from eigenfail.values.disturbance import Conversion, DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
-    Measures,
-    Observation,
     Outcome,
     unrunnable,
 )
-from eigenfail.values.channels import PARAMETER
-from eigenfail.values.measures import MAX_MAGNITUDE, MEASURES
+from eigenfail.values.measures import MAX_MAGNITUDE, MEASURES, Measures
+from eigenfail.values.scene import Observation
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder

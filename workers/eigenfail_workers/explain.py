@@ -7,10 +7,13 @@ from math import isnan
 
 import msgspec
 
-from eigenfail import bridges, values
+from eigenfail import bridges
 from eigenfail.errors import InvalidValue
 from eigenfail.explanations import find_only_vehicle, measure_gap
 from eigenfail.values.channels import GHOST, SWAPPED, split_name
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep
+from eigenfail.values.scene import Scene, VehicleState
 from eigenfail.worlds import resolve_disturbance, world_of
 from eigenfail_workers.accounts import RecordedStep, RecordingPlanner
 from eigenfail_workers.bridge.connection import SharedConnection
@@ -23,7 +26,7 @@ from eigenfail_workers.measures.geometry import find_struck
 REPLAY = "Run it again with `eigenfail episode replay`."
 
 
-def explain(setup: values.EpisodeSetup, task: values.EpisodeTask) -> values.ExplainedEpisode:
+def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     """Run an episode and record the planner's explanations; see `Explainer`.
 
     Raises:
@@ -39,19 +42,19 @@ def explain(setup: values.EpisodeSetup, task: values.EpisodeTask) -> values.Expl
     channels = [split_name(each.name) for each in resolve_disturbance(setup).list_channels()]
     truth = TrueTraffic(result, [channel.quantity for channel in channels])
     steps = tuple([truth.explain_step(number, step) for number, step in enumerate(recorded)])
-    return values.ExplainedEpisode(result, steps, truth.find_struck())
+    return ExplainedEpisode(result, steps, truth.find_struck())
 
 
 def _run_here(
-    setup: values.EpisodeSetup, task: values.EpisodeTask, recorded: list[RecordedStep]
-) -> values.EpisodeResult:
+    setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
+) -> EpisodeResult:
     with closing(Engine(setup, lambda planner: RecordingPlanner(planner, recorded))) as engine:
         return next(engine.run([task]))
 
 
 def _run_on_bridge(
-    setup: values.EpisodeSetup, task: values.EpisodeTask, recorded: list[RecordedStep]
-) -> values.EpisodeResult:
+    setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
+) -> EpisodeResult:
     """Run an episode in a new session: a worker of this process may have another one."""
     address = os.environ.get(bridges.ADDRESS_VARIABLE)
     if not address:
@@ -75,16 +78,16 @@ class TrueTraffic:
         quantities: quantity of each channel of its noise.
     """
 
-    def __init__(self, result: values.EpisodeResult, quantities: Sequence[str]) -> None:
+    def __init__(self, result: EpisodeResult, quantities: Sequence[str]) -> None:
         self._result = result
         self._only = None if GHOST in quantities else find_only_vehicle(result.scene)
         self._swaps = [place for place, name in enumerate(quantities) if name == SWAPPED]
 
-    def explain_step(self, number: int, step: RecordedStep) -> values.ExplainedStep:
+    def explain_step(self, number: int, step: RecordedStep) -> ExplainedStep:
         """Return a step with the truth beside the planner's account."""
         result, vehicle = self._result, self._find_vehicle(number, step)
         gap_m, closing_mps = measure_gap(result.scene, number, vehicle)
-        return values.ExplainedStep(
+        return ExplainedStep(
             time_s=step.time_s,
             acceleration_mps2=step.control.acceleration_mps2,
             steering_rad=step.control.steering_rad,
@@ -128,13 +131,11 @@ class TrueTraffic:
         return list(others)[find_struck(ego, list(others.values()))]
 
 
-def _list_vehicles(
-    scene: values.Scene, step: int
-) -> tuple[values.VehicleState, dict[int, values.VehicleState]]:
+def _list_vehicles(scene: Scene, step: int) -> tuple[VehicleState, dict[int, VehicleState]]:
     """Return the ego after a step, and the others that are there by number."""
     poses = zip(scene.vehicles[step].tolist(), scene.sizes.tolist(), strict=True)
     there = {
-        number: values.VehicleState(*pose, *size)
+        number: VehicleState(*pose, *size)
         for number, (pose, size) in enumerate(poses)
         if not isnan(pose[0])
     }

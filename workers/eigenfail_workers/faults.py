@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from eigenfail import errors
 from eigenfail.errors import EpisodeError, InputError, describe_error, read_text
-from eigenfail.values import EpisodeFault, EpisodeResult
+from eigenfail.values.episode import EpisodeFault, EpisodeResult
 
 INPUT = "input"
 

@@ -15,17 +15,21 @@ from types import ModuleType
 import numpy as np
 from msgspec.structs import replace
 
-from eigenfail import functions, values
+from eigenfail import functions
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError, clean_text
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
-from eigenfail.values.measures import MAX_MAGNITUDE
+from eigenfail.values.disturbance import AXES, DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, Outcome, unrunnable
+from eigenfail.values.learning import Policy
+from eigenfail.values.measures import MAX_MAGNITUDE, Measures
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.noise import sources
 from eigenfail_workers.noise.deviations import to_float32
 from eigenfail_workers.noise.policy import store_policy
 
-NULL_VEHICLE = values.VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NULL_VEHICLE = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """What an adversary observes of every vehicle, as a function has none."""
 
 NUMERIC_KINDS = frozenset("iuf")
@@ -55,30 +59,30 @@ class FunctionEngine:
         self,
         function: functions.FunctionUnderTest,
         steps: int,
-        model: values.DisturbanceModel = values.DisturbanceModel(),  # noqa: B008 - it is frozen
+        model: DisturbanceModel = DisturbanceModel(),  # noqa: B008 - it is frozen
         limit_s: float = functions.LIMIT_S,
-        channels: int = len(values.AXES),
+        channels: int = len(AXES),
     ) -> None:
         self._function = function
         self._steps = steps
         self._shape = model.shape
         self._sigma = np.full((steps, channels), to_float32(model.scale), np.float32)
         self._limit_s = limit_s
-        self._policies: dict[int, values.Policy] = {}
+        self._policies: dict[int, Policy] = {}
         self._process_state = ProcessState()
 
-    def add_policy(self, policy: values.Policy) -> None:
+    def add_policy(self, policy: Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
         store_policy(self._policies, policy)
 
-    def run(self, tasks: Sequence[values.EpisodeTask]) -> Iterator[values.EpisodeResult]:
+    def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
         """Yield the results in the order of the tasks."""
         return map(self._run, tasks)
 
     def close(self) -> None:
         """Do nothing: the engine holds no resources."""
 
-    def _run(self, task: values.EpisodeTask) -> values.EpisodeResult:
+    def _run(self, task: EpisodeTask) -> EpisodeResult:
         began = perf_counter()
         try:
             # A function stands in for the simulator: its faults are of that kind.
@@ -86,52 +90,48 @@ class FunctionEngine:
                 drawn = self._draw_noise(task)
             result = self._call_function(drawn)
         except (EpisodeError, InputError) as error:
-            result = values.unrunnable(task, make_fault(error))
+            result = unrunnable(task, make_fault(error))
         if changes := self._process_state.changes():
             culprit = f"the function '{getattr(self._function, '__name__', 'under test')}'"
             changed = make_state_change_error(SimulatorError, culprit, changes, result)
             result = replace(
                 result,
-                outcome=values.Outcome.ERRORED,
+                outcome=Outcome.ERRORED,
                 measures=None,
                 states=None,
                 fault=make_fault(changed),
             )
         return replace(result, wall_s=perf_counter() - began)
 
-    def _draw_noise(self, task: values.EpisodeTask) -> values.EpisodeResult:
+    def _draw_noise(self, task: EpisodeTask) -> EpisodeResult:
         """Return a result with the noise of the episode, before its outcome is known."""
         channels = self._sigma.shape[1]
         context = sources.NoiseContext(task.seed, self._steps, self._policies, channels)
         source = sources.begin(task.source, context)
-        seen = (
-            values.Observation(step, NULL_VEHICLE, (NULL_VEHICLE,)) for step in range(self._steps)
-        )
+        seen = (Observation(step, NULL_VEHICLE, (NULL_VEHICLE,)) for step in range(self._steps))
         z = np.array([source.draw(observation, NULL_VEHICLE) for observation in seen], np.float32)
-        return values.EpisodeResult(
+        return EpisodeResult(
             index=task.index,
             seed=task.seed,
-            outcome=values.Outcome.SAFE,
+            outcome=Outcome.SAFE,
             steps=self._steps,
-            noise=values.NoiseTrajectory(z, self._sigma, self._shape),
+            noise=NoiseTrajectory(z, self._sigma, self._shape),
             source=task.source_kind,
             states=source.states(),
         )
 
-    def _call_function(self, drawn: values.EpisodeResult) -> values.EpisodeResult:
+    def _call_function(self, drawn: EpisodeResult) -> EpisodeResult:
         """Return the result with its outcome; if the function fails, the noise stays for replay."""
         try:
             noise = drawn.noise.injected.copy()  # the function may change it
             robustness = _compute_robustness(self._function, noise, self._limit_s)
         except SimulatorError as error:
-            return replace(
-                drawn, outcome=values.Outcome.ERRORED, states=None, fault=make_fault(error)
-            )
-        outcome = values.Outcome.SAFE if robustness > 0.0 else values.Outcome.COLLISION
-        return replace(drawn, outcome=outcome, measures=values.Measures(max(0.0, robustness)))
+            return replace(drawn, outcome=Outcome.ERRORED, states=None, fault=make_fault(error))
+        outcome = Outcome.SAFE if robustness > 0.0 else Outcome.COLLISION
+        return replace(drawn, outcome=outcome, measures=Measures(max(0.0, robustness)))
 
 
-def make_function_engine(setup: values.EpisodeSetup) -> FunctionEngine:
+def make_function_engine(setup: EpisodeSetup) -> FunctionEngine:
     """Return the engine of a campaign on a function.
 
     Raises:

@@ -3,8 +3,8 @@
 from math import pi
 from typing import Final
 
-from eigenfail.values import Control, LanePosition, Mission, VehicleState
 from eigenfail.values.records import PEAK_BRAKING_MPS2
+from eigenfail.values.scene import Control, LanePosition, Mission, VehicleState
 
 MASS_KG: Final = 30_000.0  # a partly loaded articulated truck of the 40 t class
 POWER_W: Final = 400_000.0  # about 540 hp, the upper end of long-haul engines

@@ -2,9 +2,9 @@
 
 from math import hypot, nan
 
-from eigenfail.values import Observation, Perception, VehicleState
 from eigenfail.values.channels import DELAY, GHOST, MISSED, SWAPPED, Channel, split_name
 from eigenfail.values.channels import EGO as EGO_NAME
+from eigenfail.values.scene import Observation, Perception, VehicleState
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_hidden, find_nearest
 from eigenfail_workers.values import Point

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 
 Point = tuple[float, float]
 """A position or a vector in the road's plane. [m]"""

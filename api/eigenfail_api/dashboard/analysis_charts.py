@@ -6,7 +6,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from eigenfail.presentation.figures import UNKNOWN, format_number, format_share
-from eigenfail.values import AnalysisResult, Floats, Moment, TrainingInterval
+from eigenfail.values.analysis import AnalysisResult, Moment, TrainingInterval
+from eigenfail.values.arrays import Floats
 from eigenfail_api.dashboard.charts import (
     MOST_ROWS,
     ChannelPlot,

@@ -8,12 +8,20 @@ import numpy as np
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail import values
 from eigenfail.contracts.recording import ANIMATION, list_formats
 from eigenfail.presentation import analyses, figures
 from eigenfail.presentation.tables import Table
-from eigenfail.values.analysis import propose_mode_names
-from eigenfail.values.episode import ERRORED
+from eigenfail.values.analysis import (
+    Analysis,
+    AnalysisResult,
+    Diversity,
+    FailureMode,
+    Mode,
+    propose_mode_names,
+)
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.episode import ERRORED, Outcome
+from eigenfail.values.proof import Proof, ProvenMode, ProvenScenario, Reproduction
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
@@ -26,7 +34,7 @@ from eigenfail_services.campaigns.proofs import summarise_proof
 Tiles = tuple[tuple[str, Tile], ...]
 
 
-def make_diversity_tiles(found: values.Diversity) -> Tiles:
+def make_diversity_tiles(found: Diversity) -> Tiles:
     """Return the tiles of how failures spread over modes that are distinct, each with its basis."""
     of_all = (f"of {figures.count_noun(found.failures, 'failure')}",)
     modes = f"of {figures.count_noun(found.modes, 'cluster')}, small ones included"
@@ -36,14 +44,14 @@ def make_diversity_tiles(found: values.Diversity) -> Tiles:
     )
 
 
-def make_coverage_tile(found: values.Diversity) -> Tile:
+def make_coverage_tile(found: Diversity) -> Tile:
     """Return the tile of the share of the campaign after which no new mode was found."""
     seen = ", ".join(map(str, found.coverage))
     tenths = 1 + sum(each < found.modes for each in found.coverage)
     return Tile(f"{10 * tenths} %", (f"of those analysed, by tenths: {seen}",))
 
 
-def make_finding_tiles(result: values.AnalysisResult, *, is_whole: bool = True) -> Tiles:
+def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tiles:
     """Return the tiles of an analysis's figures, each with its basis.
 
     Args:
@@ -77,7 +85,7 @@ def make_finding_tiles(result: values.AnalysisResult, *, is_whole: bool = True) 
     return tuple(tiles)
 
 
-def make_stability_tile(result: values.AnalysisResult) -> Tile:
+def make_stability_tile(result: AnalysisResult) -> Tile:
     """Return the tile of the modes' stability when failures are resampled."""
     found = result.stability
     if found is None:
@@ -88,7 +96,7 @@ def make_stability_tile(result: values.AnalysisResult) -> Tile:
     return Tile(figures.format_number(found.median), notes)
 
 
-def list_tables(result: values.AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
+def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
     """Return the tables of noise within modes, moments, influence and sources that have rows.
 
     Args:
@@ -118,7 +126,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     number: int
-    mode: values.FailureMode
+    mode: FailureMode
     share: float
     words: str
     medoid_campaign: int
@@ -128,10 +136,10 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def make_analysis_view(
-    analysis: values.Analysis,
-    campaigns: Sequence[values.Campaign],
-    proof: values.Proof | None,
-    modes: Sequence[values.Mode],
+    analysis: Analysis,
+    campaigns: Sequence[Campaign],
+    proof: Proof | None,
+    modes: Sequence[Mode],
 ) -> dict[str, object]:
     """Return what the page of an analysis shows, with the results of the replays that have ended.
 
@@ -175,19 +183,19 @@ def make_analysis_view(
     }
 
 
-def find_given_names(result: values.AnalysisResult, modes: Sequence[values.Mode]) -> dict[int, str]:
+def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
     # Proposed names repeat the words of the card.
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
 
 
-def is_replaying(proof: values.Proof | None) -> bool:
+def is_replaying(proof: Proof | None) -> bool:
     """Return whether the proof has replays that have not ended."""
     return proof is not None and bool(proof.scenarios) and not proof.done
 
 
-def list_notes(result: values.AnalysisResult) -> Iterator[str]:
+def list_notes(result: AnalysisResult) -> Iterator[str]:
     """Return the remarks below the verdict."""
     yield from result.notes
     if result.diversity and result.diversity.collapse:
@@ -195,7 +203,7 @@ def list_notes(result: values.AnalysisResult) -> Iterator[str]:
 
 
 def make_mode_cards(
-    result: values.AnalysisResult, campaign: int, proof: values.Proof, unit: str
+    result: AnalysisResult, campaign: int, proof: Proof, unit: str
 ) -> tuple[ModeCard, ...]:
     """Return a card for each mode, with the result of its proof; robustness in a unit, or none."""
     # Before anything was replayed, tiles of zero of zero would look like a result.
@@ -215,14 +223,14 @@ def make_mode_cards(
     )
 
 
-def describe_mode_card(result: values.AnalysisResult, place: int) -> str:
+def describe_mode_card(result: AnalysisResult, place: int) -> str:
     """Return the description of a mode without its number, which the card's heading has."""
     if not result.words:
         return f"Strongest noise: {describe_peak(result.modes[place], result.channels)}."
     return figures.put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
-def make_proof_tiles(proven: values.ProvenMode, unit: str) -> Tiles:
+def make_proof_tiles(proven: ProvenMode, unit: str) -> Tiles:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
     tiles = (
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
@@ -239,7 +247,7 @@ WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards âˆ
 """Words for positive and for negative noise of a position."""
 
 
-def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
+def describe_peak(mode: FailureMode, channels: Sequence[str]) -> str:
     """Return the channel, strength and time of an eigenfailure's strongest noise."""
     # The sign of a position has words of its own; other channels are plus or minus.
     z = mode.eigenfailure
@@ -249,11 +257,11 @@ def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
     return f"{figures.format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
 
 
-CAME_TO_NOTHING = frozenset({values.CampaignState.CANCELLED, values.CampaignState.DEAD})
+CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
 NOT_TRIED = Tile(figures.UNKNOWN, ("no replay completed",))
 
 
-def make_proof_view(found: values.Proof, unit: str) -> dict[str, object]:
+def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
     """Return what the page shows of an analysis's replays; robustness in a unit, or none."""
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
     cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
@@ -271,7 +279,7 @@ def make_proof_view(found: values.Proof, unit: str) -> dict[str, object]:
     }
 
 
-def make_tallies(found: values.Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
+def make_tallies(found: Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of replays in the same scenario, and in all if there are several."""
     same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced, unit)),)
     count = len(found.scenarios)
@@ -284,7 +292,7 @@ def make_tallies(found: values.Proof, unit: str) -> tuple[tuple[str, Tile], ...]
     )
 
 
-def describe_reproduction(found: values.Reproduction, unit: str) -> Tile:
+def describe_reproduction(found: Reproduction, unit: str) -> Tile:
     """Return how many replays failed again, of those tried, and how near they came if none did.
 
     Args:
@@ -301,11 +309,11 @@ def describe_reproduction(found: values.Reproduction, unit: str) -> Tile:
     return Tile(f"{rate.k} of {rate.n}", lines)
 
 
-def make_scenario_badge(scenario: values.ProvenScenario) -> Badge:
+def make_scenario_badge(scenario: ProvenScenario) -> Badge:
     """Return the badge of the campaign that replays: errored if every replay of it errored."""
     ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
-    is_errored = bool(ended) and all(outcome is values.Outcome.ERRORED for outcome in ended)
-    is_done = scenario.state is values.CampaignState.DONE
+    is_errored = bool(ended) and all(outcome is Outcome.ERRORED for outcome in ended)
+    is_done = scenario.state is CampaignState.DONE
     return CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
 
 

@@ -17,20 +17,11 @@ from eigenfail.presentation import figures
 from eigenfail.presentation.campaigns import list_labels
 from eigenfail.presentation.episodes import describe_minimal_failure
 from eigenfail.presentation.tables import format_cell
-from eigenfail.values import (
-    FINAL_STATES,
-    Analysis,
-    AnalysisSettings,
-    AnalysisState,
-    Campaign,
-    CampaignSpec,
-    MeanTime,
-    MinimalFailure,
-    Priority,
-    Summary,
-)
-from eigenfail.values.campaign_spec import SPEC_FIELDS
+from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState, MinimalFailure
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import SPEC_FIELDS, CampaignSpec, Priority
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.summary import MeanTime, Summary
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
 from eigenfail.wire.http import PREFIX

@@ -12,9 +12,12 @@ from eigenfail.presentation import figures
 from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels, rank_channels
 from eigenfail.presentation.rates import name_rates
 from eigenfail.presentation.tables import Cell, format_line
-from eigenfail.values import Campaign, Course, CourseBlock, Floats, NoiseTrajectory, Rate
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.summary import EpisodeSample
+from eigenfail.values.summary import Course, CourseBlock, EpisodeSample
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import Store

@@ -8,7 +8,6 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import HTMLResponse
 from pydantic import Field
 
-from eigenfail import values
 from eigenfail.presentation.campaigns import tabulate_compared, tabulate_sides
 from eigenfail.presentation.figures import (
     UNKNOWN,
@@ -19,7 +18,10 @@ from eigenfail.presentation.figures import (
     put_minus_signs,
 )
 from eigenfail.presentation.tables import transpose
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import Campaign, CampaignFilter
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.comparison import Comparison, Side
+from eigenfail.values.summary import CampaignCost
 from eigenfail_api.dashboard.charts import spread
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.overlays import Compared, make_bill_charts, make_overlays
@@ -34,12 +36,12 @@ from eigenfail_services.store import Store
 CampaignIds = Sequence[int]
 
 
-def describe_spec(spec: values.CampaignSpec) -> str:
+def describe_spec(spec: CampaignSpec) -> str:
     """Return the method, planner, scenario and seed of a campaign, for lists of equal names."""
     return f"{spec.method}, {spec.planner} in {spec.scenario}, seed {spec.seed}"
 
 
-def name_column(campaign: values.Campaign) -> str:
+def name_column(campaign: Campaign) -> str:
     """Return the head of a campaign's column."""
     return f"{campaign.id}: {campaign.spec.name}"
 
@@ -56,12 +58,12 @@ def group_name(group: comparability.Group) -> str:
     return "; ".join(map(name_column, group))
 
 
-def join_ids(side: values.Side) -> str:
+def join_ids(side: Side) -> str:
     """Return the ids of a side's campaigns as an address contains them."""
     return ",".join(map(str, side.campaigns))
 
 
-def describe_difference(found: values.Comparison) -> str:
+def describe_difference(found: Comparison) -> str:
     """Return the difference of the failure rates of two random samples as text."""
     # Nothing was completed on a side.
     if found.difference is None:
@@ -77,7 +79,7 @@ def describe_difference(found: values.Comparison) -> str:
     return f"{value} {interval}{basis}{verdict}"
 
 
-def describe_pairs(found: values.Comparison) -> str:
+def describe_pairs(found: Comparison) -> str:
     """Return the comparison of episodes with equal noise as text."""
     if found.pairs is None:
         return f"not paired: {found.unpaired_because}"
@@ -88,7 +90,7 @@ def describe_pairs(found: values.Comparison) -> str:
     )
 
 
-def describe_effect(found: values.Comparison) -> str:
+def describe_effect(found: Comparison) -> str:
     """Return the effect over campaigns of several seeds as text."""
     if found.effect is None:
         return "needs four seeds per group"
@@ -159,7 +161,7 @@ def show_comparison(
     return page("compared.html", view, a=a or "", b=b or "")
 
 
-def list_costs(store: Store, side: values.Side) -> tuple[values.CampaignCost, ...]:
+def list_costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
     """Return the cost of each campaign of a side."""
     return tuple(find_spending(store, store.campaigns.get(each)) for each in side.campaigns)
 
@@ -228,7 +230,7 @@ def make_curl(service: Service, a: str, b: str) -> str:
     return format_curl(service, f"/comparisons?{urlencode({'a': a, 'b': b})}")
 
 
-def read_compared(store: Store, campaign: values.Campaign) -> Compared:
+def read_compared(store: Store, campaign: Campaign) -> Compared:
     """Read the figures of a campaign that the charts draw."""
     return Compared(
         campaign=campaign,
@@ -238,7 +240,7 @@ def read_compared(store: Store, campaign: values.Campaign) -> Compared:
     )
 
 
-def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[values.Campaign]:
+def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[Campaign]:
     """Return the newest campaigns whose name contains the text, or whose id it is."""
     found = (
         each
@@ -251,7 +253,7 @@ def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[val
     return [each for _, each in zip(range(LISTED), found, strict=False)]
 
 
-def iterate_newest(store: Store) -> Iterator[values.Campaign]:
+def iterate_newest(store: Store) -> Iterator[Campaign]:
     """Yield the newest campaigns, page by page."""
     before: int | None = None
     for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):

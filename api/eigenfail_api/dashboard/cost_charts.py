@@ -6,9 +6,11 @@ from msgspec.json import encode
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell
-from eigenfail.values import Cost, DisturbanceModel, Rate, Summary
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import PeerCosts, Peers
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.estimates import Cost, Rate
+from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard.charts import Chart, round_values
 

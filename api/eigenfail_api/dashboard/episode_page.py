@@ -9,13 +9,16 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail import values
 from eigenfail.contracts.recording import list_formats
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.filters import BY_INDEX, parse_filter, parse_sort, write_failure_filter
 from eigenfail.presentation import episodes, figures
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import Campaign, CampaignFilter
 from eigenfail.values.disturbance import find_channel_likelihoods
+from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.measures import MEASURES, Measure, Measures
+from eigenfail.values.records import Assessment, assess
+from eigenfail.values.scene import Mission
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import drawn_for, placed_for, world_of
 from eigenfail_api.dashboard import episodes_page, rendering
@@ -40,7 +43,7 @@ NOT_CLASSIFIED = "not classified"
 
 
 def list_facts(
-    result: values.EpisodeResult, channels: Sequence[str], dt_s: float | None, *, has_road: bool
+    result: EpisodeResult, channels: Sequence[str], dt_s: float | None, *, has_road: bool
 ) -> Facts:
     """Return the facts on an episode: its outcome, origin and versions.
 
@@ -48,7 +51,7 @@ def list_facts(
     """
     measures, steps = result.measures, result.steps
     lasted = f" ({figures.format_number(steps * dt_s)} s)" if dt_s else ""
-    assessed = values.assess(result.outcome, measures)
+    assessed = assess(result.outcome, measures)
     return (
         ("Steps", f"{steps}{lasted}"),
         *(list_danger(measures, assessed) if measures and has_road else ()),
@@ -64,7 +67,7 @@ def list_facts(
     )
 
 
-def list_likelihood(result: values.EpisodeResult, channels: Sequence[str]) -> Facts:
+def list_likelihood(result: EpisodeResult, channels: Sequence[str]) -> Facts:
     """Return log p of the noise, of each channel and of typical noise; nothing without a step."""
     # log p is compared with the log p of typical noise over the same steps.
     held_against = make_reference([result.noise])
@@ -83,7 +86,7 @@ def list_likelihood(result: values.EpisodeResult, channels: Sequence[str]) -> Fa
     )
 
 
-def list_danger(measures: values.Measures, assessed: values.Assessment) -> Facts:
+def list_danger(measures: Measures, assessed: Assessment) -> Facts:
     """Return the measures of how near the episode came to a collision."""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
@@ -116,11 +119,11 @@ IN_OTHER_PLACES = frozenset(
 """Measures that stand among the facts of the episode, its requirements, or the thresholds."""
 
 
-def list_ride(result: values.EpisodeResult) -> Facts:
+def list_ride(result: EpisodeResult) -> Facts:
     """Return all further measures; nothing if none of them was measured."""
     found = [
         (measure, getattr(result.measures, name, None))
-        for name, measure in values.MEASURES.items()
+        for name, measure in MEASURES.items()
         if name not in IN_OTHER_PLACES and not measure.is_text
     ]
     if all(value is None for _, value in found):
@@ -128,7 +131,7 @@ def list_ride(result: values.EpisodeResult) -> Facts:
     return tuple(_format_measure(measure, value) for measure, value in found)
 
 
-def _format_measure(measure: values.Measure, value: Any) -> tuple[str, str]:
+def _format_measure(measure: Measure, value: Any) -> tuple[str, str]:
     if measure.event:
         return measure.event.capitalize(), episodes.format_event(value)
     if measure.is_count:
@@ -145,14 +148,14 @@ def format_severity(value: float | None) -> str:
 
 
 def make_episode_view(
-    campaign: values.Campaign, result: values.EpisodeResult, mission: values.Mission | None
+    campaign: Campaign, result: EpisodeResult, mission: Mission | None
 ) -> dict[str, object]:
     """Return what the page of an episode shows; the mission, if there is one, gives the lanes."""
     scene, measures = result.scene, result.measures
     dt_s = scene.dt_s if scene else mission.dt_s if mission else None
     world = world_of(campaign.spec.simulator)
     channels, has_road = world.channels(campaign.spec), world.has_road
-    assessed = values.assess(result.outcome, measures)
+    assessed = assess(result.outcome, measures)
     # An episode without steps has no noise to inject again, and nothing to explain.
     has_steps = result.steps > 0
     return {
@@ -185,7 +188,7 @@ def list_recordings(campaign: int, index: int) -> tuple[tuple[str, str], ...]:
     return tuple((form.title, f"{address}?{urlencode({'format': name})}") for name, form in forms)
 
 
-def explain_missing_scene(campaign: values.Campaign, result: values.EpisodeResult) -> str:
+def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
     """Return the reason why there is no scene to play."""
     if not result.steps:
         return "The episode ended before its first step: there is no scene."
@@ -199,7 +202,7 @@ def explain_missing_scene(campaign: values.Campaign, result: values.EpisodeResul
     )
 
 
-def list_drawn_parameters(campaign: values.Campaign, result: values.EpisodeResult) -> Facts:
+def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:
     """Return the scenario parameters that the seed of an episode drew, or its noise chose."""
     spec = campaign.spec
     drawn = drawn_for(spec, result.seed) | placed_for(spec, result.noise)
@@ -279,7 +282,7 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     seen, result = store.campaigns.get(campaign), store.episodes.get(campaign, index)
     mission, name = find_mission(seen.spec, result), f"clip-{campaign}-{index}-scene"
     scene = result.scene and make_scene_chart(result.scene, mission, result.outcome, name)
-    unresolved = values.assess(result.outcome, result.measures).unresolved
+    unresolved = assess(result.outcome, result.measures).unresolved
     outcome = rendering.make_outcome_badge(result.outcome, is_unresolved=unresolved)
     return rendering.page("clip.html", seen, index=index, outcome=outcome, scene=scene)
 
@@ -297,7 +300,7 @@ MOST_SHRINKING = 10
 
 
 def find_neighbours(
-    store: Store, campaign: values.Campaign, index: int, listed: episodes_page.EpisodeRequest | None
+    store: Store, campaign: Campaign, index: int, listed: episodes_page.EpisodeRequest | None
 ) -> dict[str, object]:
     """Return the neighbours of an episode in the list that it was reached from.
 

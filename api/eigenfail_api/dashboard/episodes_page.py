@@ -10,12 +10,14 @@ import msgspec
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail import filters, values
+from eigenfail import filters
 from eigenfail.errors import InputError
 from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import count_noun, format_number
-from eigenfail.values.analysis import JOINT
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.analysis import JOINT, AnalysisSettings
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.records import ConflictClass, EpisodeRow, Page
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.charts import make_parallel_chart, spread
@@ -90,8 +92,8 @@ class Heading(msgspec.Struct, frozen=True):
 
 
 def make_episode_list(
-    campaign: values.Campaign,
-    page: values.Page[EpisodeRow],
+    campaign: Campaign,
+    page: Page[EpisodeRow],
     sort: filters.SortOrder,
     after: int | None = None,
 ) -> dict[str, object]:
@@ -116,7 +118,7 @@ def make_episode_list(
     }
 
 
-def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
+def find_failure_order(campaign: Campaign) -> filters.SortOrder:
     """Return the order of the list of failures: the worst first, once no more can come."""
     # New failures are added at the end of a list that stands by index; in another order they would
     # have to move what is being read.
@@ -127,7 +129,7 @@ def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
     )
 
 
-def may_grow(campaign: values.Campaign) -> bool:
+def may_grow(campaign: Campaign) -> bool:
     """Return whether results may still arrive."""
     # A campaign may be open without an episode to come: its last results are on their way.
     return campaign.ended_ms is None and campaign.counts.open > 0
@@ -150,7 +152,7 @@ def describe_conflict(row: EpisodeRow) -> str:
     """Return the conflict class where it says more than the outcome."""
     known = row.assessed.conflict
     # A safe episode has no conflict, and an old one no class: the outcome says enough.
-    words = "" if known in {None, values.ConflictClass.NONE} else str(known).replace("_", " ")
+    words = "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
     return row.assessed.beside(words)
 
 
@@ -182,14 +184,14 @@ def make_episode_address(campaign: int, index: int, asked: EpisodeRequest | None
     return f"{path}?{urlencode({'filter': asked.filter, 'sort': str(asked.sort)})}"
 
 
-def find_worst_order(spec: values.CampaignSpec) -> str:
+def find_worst_order(spec: CampaignSpec) -> str:
     """Return the order that has the worst failures of a campaign first."""
     # A violation without a collision has no severity.
     return "robustness_m" if spec.named_requirements else "-severity"
 
 
 def make_headings(
-    spec: values.CampaignSpec, find_address: Callable[[str], str], now: filters.SortOrder | None
+    spec: CampaignSpec, find_address: Callable[[str], str], now: filters.SortOrder | None
 ) -> tuple[Heading, ...]:
     """Return the column heads; the one that sorts the list links to the reverse order.
 
@@ -238,7 +240,7 @@ class AnalysisChoices(msgspec.Struct, frozen=True):
     alignments: Mapping[str, str]
 
 
-def list_analysis_choices(spec: values.CampaignSpec) -> AnalysisChoices:
+def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
     """Return the choices for analyses of a campaign."""
     world = world_of(spec.simulator)
     channels = world.channels(spec)
@@ -249,7 +251,7 @@ def list_analysis_choices(spec: values.CampaignSpec) -> AnalysisChoices:
     return AnalysisChoices(words.several.capitalize(), axes, alignments)
 
 
-def describe_settings(settings: values.AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
+def describe_settings(settings: AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
     """Yield how failures are analysed, in words."""
     words = choose_channel_words(channels)
     together = f"{words.together} {words.several}"
@@ -276,7 +278,7 @@ EXAMPLES = {
 
 
 def make_found_view(
-    campaign: values.Campaign, asked: EpisodeRequest, page: values.Page[EpisodeRow]
+    campaign: Campaign, asked: EpisodeRequest, page: Page[EpisodeRow]
 ) -> dict[str, object]:
     """Return what the page shows of the results of a search for episodes."""
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
@@ -294,7 +296,7 @@ def make_found_view(
     }
 
 
-def make_blank_view(campaign: values.Campaign, asked: EpisodeRequest) -> dict[str, object]:
+def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> dict[str, object]:
     """Return what the page shows without a search; a filter that is refused has none."""
     return {
         "campaign": campaign,
@@ -313,7 +315,7 @@ def make_blank_view(campaign: values.Campaign, asked: EpisodeRequest) -> dict[st
     }
 
 
-def make_title(page: values.Page[EpisodeRow], asked: EpisodeRequest) -> str:
+def make_title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
     """Return the number of episodes shown, and whether these are all."""
     shown = len(page.items)
     if page.next is None and asked.after is None:
@@ -323,7 +325,7 @@ def make_title(page: values.Page[EpisodeRow], asked: EpisodeRequest) -> str:
     return f"The first {shown} episodes"
 
 
-def explain_empty_list(campaign: values.Campaign, asked: EpisodeRequest) -> str:
+def explain_empty_list(campaign: Campaign, asked: EpisodeRequest) -> str:
     """Return the reason why the list is empty."""
     if asked.after is not None:
         return "There are no further episodes."
@@ -399,10 +401,10 @@ def show_failures(
 
 def read_failures(
     store: Store,
-    campaign: values.Campaign,
+    campaign: Campaign,
     sort: filters.SortOrder,
     after: int | None = None,
-) -> values.Page[EpisodeRow]:
+) -> Page[EpisodeRow]:
     """Return the next page of the list of failures."""
     wanted = filters.parse_filter(filters.write_failure_filter(campaign.spec))
     return store.episodes.page(campaign.id, FAILURES_ON_A_PAGE, after, wanted, sort)

@@ -9,9 +9,9 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import SortOrder, parse_sort, write_failure_filter
-from eigenfail.values import Campaign, Page
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.failures import MOST_SEVERE_FIRST, FailureFilter, parse_failure_sort
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeRow, Page
 from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import Stored

@@ -8,8 +8,7 @@ from msgspec.structs import replace
 
 from eigenfail import bridges, functions, plugins
 from eigenfail.suites import read_path
-from eigenfail.values import CampaignSpec
-from eigenfail.values.campaign_spec import SPEC_FIELDS, Section
+from eigenfail.values.campaign_spec import SPEC_FIELDS, CampaignSpec, Section
 from eigenfail.wire.http import PluginInfo
 from eigenfail.worlds import list_simulators
 from eigenfail_api.dashboard import launch_fields

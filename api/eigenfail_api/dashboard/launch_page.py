@@ -14,8 +14,8 @@ from fastapi.responses import HTMLResponse
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.presentation.figures import format_duration, format_usd
 from eigenfail.suites import describes_suite
-from eigenfail.values import Campaign, CampaignSpec, CampaignState
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import Campaign, CampaignFilter, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_api.dashboard import launch_fields
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout

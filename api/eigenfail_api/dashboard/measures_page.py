@@ -12,9 +12,10 @@ from eigenfail.presentation.figures import (
     format_usd,
 )
 from eigenfail.presentation.tables import FormattedCell, Table, format_cost
-from eigenfail.values import FINAL_STATES, Campaign, CampaignCost, Safety, TimeSplit
+from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.records import IN_WORDS
-from eigenfail.values.safety import FailurePoint, Scatter
+from eigenfail.values.safety import FailurePoint, Safety, Scatter
+from eigenfail.values.summary import CampaignCost, TimeSplit
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
 from eigenfail_api.dashboard.overview_page import MOST_LINES

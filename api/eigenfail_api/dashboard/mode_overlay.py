@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from eigenfail.contracts.recording import OverlaidRecordings
 from eigenfail.errors import Conflict
 from eigenfail.presentation.figures import UNKNOWN, format_number
-from eigenfail.values import Outcome, Scene
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Scene
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard.charts import Chart, round_rows
 from eigenfail_api.dashboard.rendering import page

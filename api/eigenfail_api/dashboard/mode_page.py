@@ -16,8 +16,9 @@ from eigenfail.filters import SortOrder, parse_sort
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import format_cell
 from eigenfail.settings import refuse_hidden
-from eigenfail.values import Analysis, Campaign, Mode, Proof
-from eigenfail.values.analysis import LONGEST_MODE_NAME
+from eigenfail.values.analysis import LONGEST_MODE_NAME, Analysis, Mode
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.proof import Proof
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.triage import (
     LONGEST_NOTE,

@@ -8,8 +8,9 @@ import numpy as np
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.rates import name_rates
-from eigenfail.values import Campaign, CampaignCost, CostPoint, Course
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.summary import CampaignCost, CostPoint, Course
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import (
     MOST_ROWS,

@@ -11,9 +11,9 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.filters import NEWEST_FIRST, SortOrder, parse_campaign_sort
 from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Summary
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
+from eigenfail.values.summary import Summary
 from eigenfail_api.dashboard import cost_charts
 from eigenfail_api.dashboard.episodes_page import Heading, order
 from eigenfail_api.dashboard.rendering import WORKING, Tile, describe_remaining, page

@@ -17,12 +17,14 @@ from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from eigenfail import __version__, plugins, values
+from eigenfail import __version__, plugins
 from eigenfail.methods import traits_of
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import format_cell, format_cost
-from eigenfail.values.campaign import state_word
-from eigenfail.values.episode import ERRORED
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import Campaign, CampaignState, state_word
+from eigenfail.values.episode import ERRORED, Outcome
+from eigenfail.values.summary import Summary
 from eigenfail.wire import http
 from eigenfail.wire.http import PREFIX, Problem
 
@@ -225,7 +227,7 @@ def as_page(response: Response) -> Response:
     return shown_page
 
 
-S = values.CampaignState
+S = CampaignState
 
 
 WORKING = frozenset({S.QUEUED, S.RUNNING})
@@ -256,18 +258,18 @@ CAMPAIGN_BADGES: Mapping[str, Badge] = {
 
 
 ANALYSIS_BADGES = {
-    values.AnalysisState.QUEUED: Badge("queued", "○", "waiting"),
-    values.AnalysisState.RUNNING: Badge("running", "▶", "active"),
-    values.AnalysisState.DONE: Badge("done", "✓", "good"),
-    values.AnalysisState.FAILED: Badge("failed", "!", "bad"),
+    AnalysisState.QUEUED: Badge("queued", "○", "waiting"),
+    AnalysisState.RUNNING: Badge("running", "▶", "active"),
+    AnalysisState.DONE: Badge("done", "✓", "good"),
+    AnalysisState.FAILED: Badge("failed", "!", "bad"),
 }
 
 
 OUTCOME_BADGES = {
-    values.Outcome.COLLISION: Badge("collision", "◆", "bad"),
-    values.Outcome.VIOLATION: Badge("violation", "◇", "bad"),
-    values.Outcome.SAFE: Badge("safe", "○", "good"),
-    values.Outcome.ERRORED: Badge(ERRORED, "!", "waiting"),
+    Outcome.COLLISION: Badge("collision", "◆", "bad"),
+    Outcome.VIOLATION: Badge("violation", "◇", "bad"),
+    Outcome.SAFE: Badge("safe", "○", "good"),
+    Outcome.ERRORED: Badge(ERRORED, "!", "waiting"),
 }
 
 
@@ -275,9 +277,9 @@ UNRESOLVED_BADGE = Badge("unresolved", "◐", "waiting")
 """Badge of an episode that ended when braking could no longer avoid a collision."""
 
 
-def make_outcome_badge(outcome: values.Outcome, *, is_unresolved: bool | None) -> Badge:
+def make_outcome_badge(outcome: Outcome, *, is_unresolved: bool | None) -> Badge:
     """Return the badge of how an episode ended."""
-    if outcome is values.Outcome.SAFE and is_unresolved:
+    if outcome is Outcome.SAFE and is_unresolved:
         return UNRESOLVED_BADGE
     return OUTCOME_BADGES[outcome]
 
@@ -303,7 +305,7 @@ class Tile(msgspec.Struct, frozen=True):
     term: str = ""
 
 
-def describe_remaining(campaign: values.Campaign, summary: values.Summary) -> str:
+def describe_remaining(campaign: Campaign, summary: Summary) -> str:
     """Return the remaining time at the speed so far, or the number of episodes left unrun."""
     if campaign.counts.cancelled:
         return f"{figures.format_count(campaign.counts.cancelled)} not run"
@@ -312,7 +314,7 @@ def describe_remaining(campaign: values.Campaign, summary: values.Summary) -> st
     return f"about {figures.format_duration(campaign.counts.open / summary.episodes_per_s)} left"
 
 
-def make_failure_tile(summary: values.Summary) -> Tile:
+def make_failure_tile(summary: Summary) -> Tile:
     """Return the tile of the number and share of failures."""
     rate = summary.failure_rate
     if rate is None:
@@ -325,7 +327,7 @@ def make_failure_tile(summary: values.Summary) -> Tile:
     return Tile(value, notes, summary.rate_remark, *mark_of(summary))
 
 
-def mark_of(summary: values.Summary) -> tuple[str, str]:
+def mark_of(summary: Summary) -> tuple[str, str]:
     """Return the numbers of errored and unresolved episodes, and the label of the first kind."""
     unresolved = summary.unresolved
     counts = (
@@ -337,7 +339,7 @@ def mark_of(summary: values.Summary) -> tuple[str, str]:
     return ", ".join(words for words, _ in found), found[0][1] if found else ""
 
 
-def make_cost_tile(summary: values.Summary) -> Tile:
+def make_cost_tile(summary: Summary) -> Tile:
     """Return the tile of the cost per failure with its basis."""
     price, counts = format_cost(summary.cost), summary.counts
     n = "n = 0 in " if not counts.failures else "n = "

@@ -10,7 +10,9 @@ from fastapi.responses import HTMLResponse
 from eigenfail.errors import NoisePruned, NotFound
 from eigenfail.presentation.figures import count_noun
 from eigenfail.replays import describe_change
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, EpisodeResult
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult
 from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, placed_for
 from eigenfail_api.dashboard.cost_charts import REPLAY

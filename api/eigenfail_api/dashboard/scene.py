@@ -11,20 +11,12 @@ from eigenfail.explanations import NotableMoment, find_moments
 from eigenfail.presentation.figures import (
     format_number,
 )
-from eigenfail.values import (
-    AXES,
-    MEASURES,
-    EpisodeResult,
-    ExplainedStep,
-    Explanation,
-    Floats,
-    Measures,
-    Mission,
-    NoiseTrajectory,
-    Outcome,
-    Scene,
-)
-from eigenfail.values.scene import UNKNOWN_KIND
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES, NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import MEASURES, Measures
+from eigenfail.values.proof import ExplainedStep, Explanation
+from eigenfail.values.scene import UNKNOWN_KIND, Mission, Scene
 from eigenfail_api.dashboard import charts
 from eigenfail_services.analysis.footprints import measure_clearances, measure_times_to_collision
 

@@ -15,8 +15,7 @@ from fastapi.responses import HTMLResponse
 from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
-from eigenfail.values import Campaign
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import Campaign, CampaignFilter
 from eigenfail.values.campaign_spec import LONGEST_NAME, Tag
 from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, Badge, page
 from eigenfail_api.parameters import LARGEST, Stored

@@ -19,8 +19,8 @@ from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spr
 from eigenfail.presentation.suites import format_settings, note_omissions
 from eigenfail.presentation.tables import format_cell
 from eigenfail.suites import SuiteRequest
-from eigenfail.values import FINAL_STATES, CampaignState, Rate, RateDesign
-from eigenfail.values.campaign import describe_early_end
+from eigenfail.values.campaign import FINAL_STATES, CampaignState, describe_early_end
+from eigenfail.values.estimates import Rate, RateDesign
 from eigenfail.values.suite import SuiteRow, SuiteTable
 from eigenfail.wire.http import read_body
 from eigenfail_api.concurrency import ConcurrencyLimit

@@ -4,12 +4,20 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 
-from eigenfail import values
 from eigenfail.errors import InvalidValue
-from eigenfail.values.analysis import LONGEST_MODE_NAME
-from eigenfail.values.comparison import PeerCosts
-from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.analysis import (
+    LONGEST_MODE_NAME,
+    Analysis,
+    AnalysisSettings,
+    FailureMode,
+    Mode,
+)
+from eigenfail.values.comparison import Comparison, PeerCosts, Region
+from eigenfail.values.proof import Proof
+from eigenfail.values.records import Page
+from eigenfail.values.safety import TAIL_LEVEL, Safety
 from eigenfail.values.seeds import SeedSpread
+from eigenfail.values.summary import CampaignCost
 from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
 from eigenfail_api import parameters
@@ -32,18 +40,16 @@ OnlyState = Annotated[TriageState | None, Query(description="Only modes in this 
 @router.post(
     "/campaigns/{campaign}/analyses",
     **document_route(
-        values.Analysis,
+        Analysis,
         201,
-        body=values.AnalysisSettings,
+        body=AnalysisSettings,
         example={"components": 20, "clusters": 4},
     ),
 )
 def create_analysis(
     store: parameters.Stored,
     campaign: parameters.CampaignId,
-    settings: Annotated[
-        values.AnalysisSettings, Depends(parameters.body_of(values.AnalysisSettings))
-    ],
+    settings: Annotated[AnalysisSettings, Depends(parameters.body_of(AnalysisSettings))],
 ) -> parameters.Json:
     """Queue an analysis of the failures of a campaign and of further campaigns."""
     # The result is not used: the call refuses now what a job would find out only later.
@@ -52,7 +58,7 @@ def create_analysis(
     return parameters.Json(analysis, 201, {"Location": f"{PREFIX}/analyses/{analysis.id}"})
 
 
-@router.get("/campaigns/{campaign}/analyses", **document_route(values.Page[values.Analysis]))
+@router.get("/campaigns/{campaign}/analyses", **document_route(Page[Analysis]))
 def list_analyses(
     store: parameters.Stored,
     campaign: parameters.CampaignId,
@@ -65,29 +71,29 @@ def list_analyses(
     return parameters.Json(store.analyses.page(limit, before, campaign))
 
 
-@router.get("/analyses/{analysis}", **document_route(values.Analysis))
+@router.get("/analyses/{analysis}", **document_route(Analysis))
 def get_analysis(store: parameters.Stored, analysis: parameters.AnalysisId) -> parameters.Json:
     """Get an analysis, with its result once it is done."""
     return parameters.Json(store.analyses.get(analysis))
 
 
-@router.get("/analyses/{analysis}/eigenfailures", **document_route(values.Page[values.FailureMode]))
+@router.get("/analyses/{analysis}/eigenfailures", **document_route(Page[FailureMode]))
 def list_eigenfailures(
     store: parameters.Stored, analysis: parameters.AnalysisId
 ) -> parameters.Json:
     """List the failure modes of an analysis, each with its eigenfailure."""
-    return parameters.Json(values.Page(read_result(store.analyses.get(analysis)).modes))
+    return parameters.Json(Page(read_result(store.analyses.get(analysis)).modes))
 
 
-@router.get("/analyses/{analysis}/modes", **document_route(values.Page[values.Mode]))
+@router.get("/analyses/{analysis}/modes", **document_route(Page[Mode]))
 def list_modes(
     store: parameters.Stored, analysis: parameters.AnalysisId, state: OnlyState = None
 ) -> parameters.Json:
     """List the failure modes of an analysis by number, with their names; none before it is done."""
-    return parameters.Json(values.Page(store.analyses.modes(analysis, state)))
+    return parameters.Json(Page(store.analyses.modes(analysis, state)))
 
 
-@router.put("/analyses/{analysis}/modes/{mode}/name", **document_route(values.Mode, body=ModeName))
+@router.put("/analyses/{analysis}/modes/{mode}/name", **document_route(Mode, body=ModeName))
 def rename_mode(
     store: parameters.Stored,
     analysis: parameters.AnalysisId,
@@ -103,7 +109,7 @@ def rename_mode(
     return parameters.Json(store.analyses.rename_mode(analysis, mode, name))
 
 
-@router.post("/analyses/{analysis}/proof", **document_route(values.Proof, 202, body=ProofRequest))
+@router.post("/analyses/{analysis}/proof", **document_route(Proof, 202, body=ProofRequest))
 def prove_analysis(
     store: parameters.Stored,
     analysis: parameters.AnalysisId,
@@ -115,7 +121,7 @@ def prove_analysis(
     return parameters.Json(proven, 202, {"Location": f"{PREFIX}/analyses/{analysis}/proof"})
 
 
-@router.get("/analyses/{analysis}/proof", **document_route(values.Proof))
+@router.get("/analyses/{analysis}/proof", **document_route(Proof))
 def get_proof(store: parameters.Stored, analysis: parameters.AnalysisId) -> parameters.Json:
     """Get the number of replays that failed again, by scenario, so far."""
     return parameters.Json(summarise_proof(store, store.analyses.get(analysis)))
@@ -150,16 +156,16 @@ SeedIds = Annotated[
 ]
 
 
-@figures_router.get("/comparisons", dependencies=[COMPARISONS], **document_route(values.Comparison))
+@figures_router.get("/comparisons", dependencies=[COMPARISONS], **document_route(Comparison))
 def get_comparison(store: parameters.Stored, a: Ids, b: Ids) -> parameters.Json:
     """Compare failure rates, cost, likelihood and pairs of two campaigns, or of several seeds."""
     return parameters.Json(compare(store, parse_ids(a), parse_ids(b)))
 
 
-@figures_router.get("/seeds", **document_route(values.Page[SeedSpread]))
+@figures_router.get("/seeds", **document_route(Page[SeedSpread]))
 def list_spreads(store: parameters.Stored, campaigns: SeedIds) -> parameters.Json:
     """List mean and spread over seeds of each group of campaigns that differ in their seeds."""
-    return parameters.Json(values.Page(find_spreads(store, parse_ids(campaigns))))
+    return parameters.Json(Page(find_spreads(store, parse_ids(campaigns))))
 
 
 def parse_ids(ids: str) -> tuple[int, ...]:
@@ -170,14 +176,14 @@ def parse_ids(ids: str) -> tuple[int, ...]:
 COSTS = Depends(ConcurrencyLimit("bills"), scope="function")
 
 
-@figures_router.get("/costs", dependencies=[COSTS], **document_route(values.Page[PeerCosts]))
+@figures_router.get("/costs", dependencies=[COSTS], **document_route(Page[PeerCosts]))
 def list_costs(store: parameters.Stored) -> parameters.Json:
     """List the cost per failure by method, over all campaigns of one planner and scenario."""
-    return parameters.Json(values.Page(compare_peers(store.figures.pools(), store.campaigns.get)))
+    return parameters.Json(Page(compare_peers(store.figures.pools(), store.campaigns.get)))
 
 
 @figures_router.get(
-    "/campaigns/{campaign}/cost", dependencies=[COSTS], **document_route(values.CampaignCost)
+    "/campaigns/{campaign}/cost", dependencies=[COSTS], **document_route(CampaignCost)
 )
 def get_cost(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get the cost of a campaign's failures and modes over time, and how its time was spent."""
@@ -191,7 +197,7 @@ REGIONS = SerialExecutor("region")
 Level = Annotated[float, Query(gt=0.0, lt=1.0, description="Level of VaR and CVaR of severity.")]
 
 
-@figures_router.get("/campaigns/{campaign}/safety", **document_route(values.Safety))
+@figures_router.get("/campaigns/{campaign}/safety", **document_route(Safety))
 def get_safety(
     store: parameters.Stored, campaign: parameters.CampaignId, level: Level = TAIL_LEVEL
 ) -> parameters.Json:
@@ -199,7 +205,7 @@ def get_safety(
     return parameters.Json(find_safety(store, store.campaigns.get(campaign), level))
 
 
-@figures_router.get("/campaigns/region", **document_route(values.Region))
+@figures_router.get("/campaigns/region", **document_route(Region))
 async def get_region(store: parameters.Stored, campaigns: Ids) -> parameters.Json:
     """Get the region of scenario parameters in which the episodes of campaigns fail."""
     return parameters.Json(await REGIONS.do(find_region_in_process, store, parse_ids(campaigns)))

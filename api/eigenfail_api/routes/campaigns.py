@@ -8,16 +8,18 @@ import msgspec
 from fastapi import APIRouter, Depends, Path, Query
 from msgspec.structs import replace
 
-from eigenfail import values
 from eigenfail.errors import IllegalTransition
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST, parse_campaign_sort
 from eigenfail.suites import SuiteRequest
-from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.campaign_spec import PriorityChange
+from eigenfail.values.analysis import MinimalFailure
+from eigenfail.values.campaign import Campaign, CampaignFilter, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, PriorityChange
 from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.learning import Policy
 from eigenfail.values.operations import Pruning
+from eigenfail.values.records import Page
 from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.summary import Course, Summary
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit
@@ -44,39 +46,39 @@ class SteeringAction(msgspec.Struct, frozen=True):
         participle: participle of the verb, for sentences.
     """
 
-    steps: Mapping[values.CampaignState, values.CampaignState]
-    done_in: frozenset[values.CampaignState]
+    steps: Mapping[CampaignState, CampaignState]
+    done_in: frozenset[CampaignState]
     participle: str
 
 
 PAUSE = SteeringAction(
     steps={
-        values.CampaignState.QUEUED: values.CampaignState.PAUSED,
-        values.CampaignState.RUNNING: values.CampaignState.PAUSING,
+        CampaignState.QUEUED: CampaignState.PAUSED,
+        CampaignState.RUNNING: CampaignState.PAUSING,
     },
-    done_in=frozenset({values.CampaignState.PAUSING, values.CampaignState.PAUSED}),
+    done_in=frozenset({CampaignState.PAUSING, CampaignState.PAUSED}),
     participle="paused",
 )
 RESUME = SteeringAction(
-    steps={values.CampaignState.PAUSED: values.CampaignState.QUEUED},
+    steps={CampaignState.PAUSED: CampaignState.QUEUED},
     # A request that is repeated may find the campaign running again.
-    done_in=frozenset({values.CampaignState.QUEUED, values.CampaignState.RUNNING}),
+    done_in=frozenset({CampaignState.QUEUED, CampaignState.RUNNING}),
     participle="resumed",
 )
 # A campaign that waits or is paused ends at once: no worker has an episode of it.
 CANCEL = SteeringAction(
     steps={
-        values.CampaignState.QUEUED: values.CampaignState.CANCELLED,
-        values.CampaignState.PAUSED: values.CampaignState.CANCELLED,
-        values.CampaignState.RUNNING: values.CampaignState.CANCELLING,
-        values.CampaignState.PAUSING: values.CampaignState.CANCELLING,
+        CampaignState.QUEUED: CampaignState.CANCELLED,
+        CampaignState.PAUSED: CampaignState.CANCELLED,
+        CampaignState.RUNNING: CampaignState.CANCELLING,
+        CampaignState.PAUSING: CampaignState.CANCELLING,
     },
-    done_in=frozenset({values.CampaignState.CANCELLING, values.CampaignState.CANCELLED}),
+    done_in=frozenset({CampaignState.CANCELLING, CampaignState.CANCELLED}),
     participle="cancelled",
 )
 
 
-def steer(store: Store, campaign: int, action: SteeringAction) -> values.Campaign:
+def steer(store: Store, campaign: int, action: SteeringAction) -> Campaign:
     """Take an action on a campaign, unless it was taken before; return the campaign.
 
     Raises:
@@ -92,7 +94,7 @@ def steer(store: Store, campaign: int, action: SteeringAction) -> values.Campaig
     return _take_step(store, campaign, action)
 
 
-def _take_step(store: Store, campaign: int, action: SteeringAction) -> values.Campaign:
+def _take_step(store: Store, campaign: int, action: SteeringAction) -> Campaign:
     found = store.campaigns.get(campaign)
     if found.state in action.done_in:
         return found
@@ -150,7 +152,7 @@ Labels = Annotated[CampaignFilter, Depends(parse_labels)]
 
 def parse_query(
     labels: Labels,
-    state: Annotated[values.CampaignState | None, Query(description="Only in this state.")] = None,
+    state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
     suite: Annotated[str | None, Query(description="Only campaigns of this suite.")] = None,
     method: Annotated[str | None, Query(description="Only campaigns of this method.")] = None,
     search: Search = None,
@@ -178,12 +180,10 @@ def _launch(
     return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
-@router.post(
-    "", **document_route(values.Campaign, 201, body=values.CampaignSpec, example=FIRST_TRY)
-)
+@router.post("", **document_route(Campaign, 201, body=CampaignSpec, example=FIRST_TRY))
 def create_campaign(
     store: parameters.Stored,
-    spec: Annotated[values.CampaignSpec, Depends(parameters.body_of(values.CampaignSpec))],
+    spec: Annotated[CampaignSpec, Depends(parameters.body_of(CampaignSpec))],
     made_by: parameters.MadeBy,
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
@@ -201,7 +201,7 @@ def check_campaign(store: parameters.Stored, fields: Fields) -> parameters.Json:
     return parameters.Json(CampaignCheck(fill_defaults(campaign.spec), notes=notes))
 
 
-@router.post("/bulk", **document_route(values.Page[values.Campaign], 201, body=SPECS))
+@router.post("/bulk", **document_route(Page[Campaign], 201, body=SPECS))
 def create_campaigns(
     store: parameters.Stored,
     specs: Items,
@@ -213,12 +213,10 @@ def create_campaigns(
     if not store.campaigns.is_list_key_used(idempotency_key):
         drafts.check_draft_offers(wanted, store)
     named = [each.spec for each in wanted]
-    return parameters.Json(
-        values.Page(store.campaigns.create_many(named, idempotency_key, made_by)), 201
-    )
+    return parameters.Json(Page(store.campaigns.create_many(named, idempotency_key, made_by)), 201)
 
 
-@router.get("", **document_route(values.Page[values.Campaign]))
+@router.get("", **document_route(Page[Campaign]))
 def list_campaigns(
     store: parameters.Stored,
     where: Annotated[CampaignFilter, Depends(parse_query)],
@@ -228,11 +226,11 @@ def list_campaigns(
     """List campaigns in an order, by default newest first."""
     total = store.campaigns.count(where) if asked.with_total else msgspec.UNSET
     found = store.campaigns.page(asked.limit, asked.cursor, where, parse_campaign_sort(sort))
-    return parameters.Json(values.Page(found.items, found.next, total))
+    return parameters.Json(Page(found.items, found.next, total))
 
 
 # Declared before /{campaign}, which would take the word for an id.
-@router.get("/summaries", **document_route(values.Page[values.Summary]))
+@router.get("/summaries", **document_route(Page[Summary]))
 def list_summaries(
     store: parameters.Stored,
     limit: parameters.Limit = 50,
@@ -242,10 +240,10 @@ def list_summaries(
     """List failures, failure rate, likelihood and cost of campaigns, newest first."""
     where = CampaignFilter(archived=None if archived else False)
     page = store.campaigns.page(limit, before, where)
-    return parameters.Json(values.Page(tuple(summary.summaries_of(store, page.items)), page.next))
+    return parameters.Json(Page(tuple(summary.summaries_of(store, page.items)), page.next))
 
 
-@router.get("/{campaign}", **document_route(values.Campaign))
+@router.get("/{campaign}", **document_route(Campaign))
 def get_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get a campaign in its current state."""
     return parameters.Json(store.campaigns.get(campaign))
@@ -253,9 +251,7 @@ def get_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> p
 
 @router.post(
     "/{campaign}/clone",
-    **document_route(
-        values.Campaign, 201, body=FIELDS, example={"name": "another seed", "seed": 1}
-    ),
+    **document_route(Campaign, 201, body=FIELDS, example={"name": "another seed", "seed": 1}),
 )
 def clone_campaign(
     store: parameters.Stored,
@@ -274,18 +270,18 @@ def draft_minimal_campaign(
     campaign: parameters.CampaignId,
     index: parameters.EpisodeIndex,
     request: Annotated[ShrinkRequest, Depends(parameters.body_of(ShrinkRequest))],
-) -> values.CampaignSpec:
+) -> CampaignSpec:
     """Return the campaign that is to shrink an episode."""
     return make_minimal_spec(store, campaign, index, request.episodes)
 
 
 @router.post(
     "/{campaign}/episodes/{index}/shrink",
-    **document_route(values.Campaign, 201, body=ShrinkRequest),
+    **document_route(Campaign, 201, body=ShrinkRequest),
 )
 def shrink_episode(
     store: parameters.Stored,
-    wanted: Annotated[values.CampaignSpec, Depends(draft_minimal_campaign)],
+    wanted: Annotated[CampaignSpec, Depends(draft_minimal_campaign)],
     made_by: parameters.MadeBy,
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
@@ -293,37 +289,37 @@ def shrink_episode(
     return _launch(store, validation.validate_campaign(wanted, store), idempotency_key, made_by)
 
 
-@router.post("/{campaign}/pause", **document_route(values.Campaign))
+@router.post("/{campaign}/pause", **document_route(Campaign))
 def pause_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Pause a campaign; its running episodes are finished and kept."""
     return parameters.Json(steer(store, campaign, PAUSE))
 
 
-@router.post("/{campaign}/resume", **document_route(values.Campaign))
+@router.post("/{campaign}/resume", **document_route(Campaign))
 def resume_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Resume a paused campaign."""
     return parameters.Json(steer(store, campaign, RESUME))
 
 
-@router.post("/{campaign}/cancel", **document_route(values.Campaign))
+@router.post("/{campaign}/cancel", **document_route(Campaign))
 def cancel_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Cancel a campaign; finished episodes are kept."""
     return parameters.Json(steer(store, campaign, CANCEL))
 
 
-@router.post("/{campaign}/archive", **document_route(values.Campaign))
+@router.post("/{campaign}/archive", **document_route(Campaign))
 def archive_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Archive a campaign that has ended: lists omit it, and nothing of it is deleted."""
     return parameters.Json(store.campaigns.archive(campaign))
 
 
-@router.post("/{campaign}/restore", **document_route(values.Campaign))
+@router.post("/{campaign}/restore", **document_route(Campaign))
 def restore_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """List an archived campaign again."""
     return parameters.Json(store.campaigns.restore(campaign))
 
 
-@router.post("/{campaign}/priority", **document_route(values.Campaign, body=PriorityChange))
+@router.post("/{campaign}/priority", **document_route(Campaign, body=PriorityChange))
 def prioritise_campaign(
     store: parameters.Stored,
     campaign: parameters.CampaignId,
@@ -333,14 +329,14 @@ def prioritise_campaign(
     return parameters.Json(store.campaigns.prioritise(campaign, change.priority))
 
 
-@router.get("/{campaign}/summary", **document_route(values.Summary))
+@router.get("/{campaign}/summary", **document_route(Summary))
 def get_summary(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get failures, failure rate, likelihood and cost of a campaign so far."""
     seen = store.campaigns.get(campaign)
     return parameters.Json(summary.summarise(seen, store.episodes.totals(campaign)))
 
 
-@router.get("/{campaign}/course", **document_route(values.Course))
+@router.get("/{campaign}/course", **document_route(Course))
 def get_course(
     store: parameters.Stored, campaign: parameters.CampaignId, per: Per = None
 ) -> parameters.Json:
@@ -348,7 +344,7 @@ def get_course(
     return parameters.Json(summary.find_course(store, store.campaigns.get(campaign), per))
 
 
-@router.get("/{campaign}/minimal", **document_route(values.MinimalFailure))
+@router.get("/{campaign}/minimal", **document_route(MinimalFailure))
 def get_minimal_failure(
     store: parameters.Stored, campaign: parameters.CampaignId
 ) -> parameters.Json:
@@ -378,12 +374,12 @@ def get_policy(store: parameters.Stored, campaign: parameters.CampaignId) -> par
     return parameters.Json(summary.find_newest_policy(store, store.campaigns.get(campaign)))
 
 
-@router.get("/{campaign}/prunings", **document_route(values.Page[Pruning]))
+@router.get("/{campaign}/prunings", **document_route(Page[Pruning]))
 def list_prunings(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """List the deletions of a campaign's noise by rule, time, user and size, oldest first."""
     # An unknown campaign is a 404, and one without prunings an empty list.
     store.campaigns.get(campaign)
-    return parameters.Json(values.Page(store.retention.of(campaign)))
+    return parameters.Json(Page(store.retention.of(campaign)))
 
 
 suites_router = APIRouter(prefix=f"{PREFIX}/suites", tags=["suites"])
@@ -394,7 +390,7 @@ SuiteName = Annotated[
 ]
 
 
-@suites_router.get("", **document_route(values.Page[SuiteStanding]))
+@suites_router.get("", **document_route(Page[SuiteStanding]))
 def list_suites(
     store: parameters.Stored, limit: parameters.Limit = 50, before: parameters.Before = None
 ) -> parameters.Json:

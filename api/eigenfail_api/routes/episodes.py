@@ -8,10 +8,12 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
 from eigenfail import filters
-from eigenfail.values import Campaign, Explanation, Outcome, Page
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.episode import Outcome
 from eigenfail.values.export import Export, ExportRequest
 from eigenfail.values.operations import Presence
-from eigenfail.values.records import EpisodeDetail, EpisodeRow, make_episode_detail
+from eigenfail.values.proof import Explanation
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page, make_episode_detail
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
 from eigenfail_api import parameters

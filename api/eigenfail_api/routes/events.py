@@ -10,7 +10,8 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from eigenfail.values import Event, Page
+from eigenfail.values.operations import Event
+from eigenfail.values.records import Page
 from eigenfail.wire import http
 from eigenfail_api.openapi import document_route, document_stream
 from eigenfail_api.parameters import LARGEST, Json, Limit, Stored

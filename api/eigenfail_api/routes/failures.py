@@ -6,9 +6,9 @@ from fastapi import APIRouter, Depends, Query
 
 from eigenfail import plugins
 from eigenfail.methods import traits_of
-from eigenfail.values import Page, failures
+from eigenfail.values import failures
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeRow, Page
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import LARGEST, Json, Stored

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends, Path
 
 from eigenfail.gate.report import GateReport
 from eigenfail.gate.results import GateResult, GateSummary, check_report
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import LARGEST, Before, Json, Limit, Stored, body_of

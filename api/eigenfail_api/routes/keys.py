@@ -4,8 +4,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path
 
-from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
+from eigenfail.values.records import Page
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.authentication import Authenticator, authenticator_of
 from eigenfail_api.openapi import document_route

@@ -21,8 +21,9 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from eigenfail.errors import EigenfailError, StoreUnavailable
-from eigenfail.values import Campaign, CampaignState, Page
+from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import DAY_S, Presence, Staffing, WorkerShare
+from eigenfail.values.records import Page
 from eigenfail.wire.http import PREFIX, Health, make_problem, make_untyped_problem
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route

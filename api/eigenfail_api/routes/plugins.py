@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path
 
 from eigenfail import plugins, worlds
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.wire.http import PREFIX, PluginInfo
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import Json

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.concurrency import ConcurrencyLimit

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Path
 
 from eigenfail.signatures import make_secret
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.values.webhooks import NewWebhook, Webhook, WebhookDelivery, WebhookRequest
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route

@@ -18,7 +18,10 @@ from figures import Figure
 from samples import COMMAND, share
 from targets import Target
 
-from eigenfail import __version__, plugins, values
+from eigenfail import __version__, plugins
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail_assurance.evidence import records
 from eigenfail_assurance.evidence.bundle import MANIFEST, EvidenceBundle, make_bundle, make_manifest
 from eigenfail_assurance.evidence.question import (
@@ -78,7 +81,7 @@ def make_example_bundle(seed: int) -> EvidenceBundle:
 
 
 def _run_campaign(number: int, seed: int) -> records.CampaignRecord:
-    spec = values.CampaignSpec(
+    spec = CampaignSpec(
         name=f"example {number}",
         method="monte_carlo",
         episodes=EPISODES,
@@ -88,8 +91,7 @@ def _run_campaign(number: int, seed: int) -> records.CampaignRecord:
     )
     engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
     tasks = [
-        values.EpisodeTask(index, values.episode_seed(seed, index), values.PriorSource())
-        for index in range(EPISODES)
+        EpisodeTask(index, episode_seed(seed, index), PriorSource()) for index in range(EPISODES)
     ]
     results = sorted(engine.run(tasks), key=lambda each: each.index)
     engine.close()
@@ -103,11 +105,11 @@ def _run_campaign(number: int, seed: int) -> records.CampaignRecord:
         )
     table = ("\r\n".join(rows) + "\r\n").encode()
     failures = sum(each.is_failure for each in results)
-    campaign = values.Campaign(
+    campaign = Campaign(
         id=number,
         spec=spec,
-        state=values.CampaignState.DONE,
-        counts=values.Counts(planned=EPISODES, completed=EPISODES, failures=failures),
+        state=CampaignState.DONE,
+        counts=Counts(planned=EPISODES, completed=EPISODES, failures=failures),
         created_ms=0,
         digest=records.hash_episodes(records.read_episodes(table, "example")),
     )

@@ -26,7 +26,7 @@ from samples import COMMAND, count_share, median, share
 from targets import Target
 
 from eigenfail.intervals import Z
-from eigenfail.values import Estimate
+from eigenfail.values.estimates import Estimate
 from eigenfail_assurance.risk import confidence
 from eigenfail_services.statistics.intervals import confidence_sequence, log_normal
 from eigenfail_services.statistics.stopped_trials import StoppedTrials

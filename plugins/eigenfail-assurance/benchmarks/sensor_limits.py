@@ -21,15 +21,10 @@ from numpy.typing import NDArray
 from samples import COMMAND, count_share, share
 from targets import Target
 
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    EpisodeSetup,
-    Estimate,
-    Interval,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeSetup
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_assurance.sensor import anchors, search
 from eigenfail_assurance.sensor.scaling import Multiples, scale_model
 from eigenfail_services.statistics.intervals import rate

@@ -17,8 +17,8 @@ from targets import Target
 
 from eigenfail import plugins
 from eigenfail.contracts.recording import EgoControl, EpisodeRecording
-from eigenfail.values import AXES, EpisodeTask, PriorSource
-from eigenfail.values.episode import episode_seed
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail_exchange.mcap_log import MCAP
 from eigenfail_exchange.open_scenario import OPENSCENARIO
 

@@ -16,7 +16,8 @@ from eigenfail.contracts.recording import (
     RecordingFormat,
     list_frame_steps,
 )
-from eigenfail.values import Outcome, Scene
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Scene
 from eigenfail_exchange.road import StraightRoad, find_road, make_road
 
 WIDTH_PX = 800

@@ -20,9 +20,8 @@ from msgspec import UnsetType
 
 from eigenfail.contracts.recording import EgoControl, EpisodeRecording, RecordingFormat
 from eigenfail.frames import list_noise
-from eigenfail.values import Scene
 from eigenfail.values.records import PEAK_BRAKING_MPS2
-from eigenfail.values.scene import UNKNOWN_KIND
+from eigenfail.values.scene import UNKNOWN_KIND, Scene
 from eigenfail.versions import PACKAGE, read_version
 from eigenfail_exchange.road import (
     TRUCK_LENGTH_M,

@@ -8,7 +8,7 @@ import numpy as np
 
 from eigenfail.contracts.recording import EpisodeRecording
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Mission, Scene
+from eigenfail.values.scene import Mission, Scene
 
 CONVENTIONAL_LANE_M = 3.5
 """Width of a lane where the scenario does not tell. [m]"""

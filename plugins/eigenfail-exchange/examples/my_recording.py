@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.values import POSITION, Floats
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import POSITION
 from eigenfail_exchange.recorded_traffic.scenario import RecordedTraffic, find_log_validity
 from eigenfail_exchange.recorded_traffic.tracks import RecordedTracks, read_tracks
 

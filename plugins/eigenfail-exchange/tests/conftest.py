@@ -15,14 +15,10 @@ from eigenfail import plugins
 from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
 from eigenfail.client import Client
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    CampaignState,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

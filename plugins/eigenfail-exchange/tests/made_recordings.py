@@ -3,7 +3,9 @@
 import numpy as np
 
 from eigenfail.contracts.recording import EpisodeRecording
-from eigenfail.values import Mission, NoiseTrajectory, Outcome, Scene
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Mission, Scene
 
 STEPS = 12
 

@@ -16,7 +16,8 @@ from eigenfail.contracts.recording import (
     OverlaidRecordings,
     list_frame_steps,
 )
-from eigenfail.values import Outcome, Scene
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Scene
 from eigenfail_exchange.animation import (
     CAPTION_PX,
     LAST_FRAME_S,

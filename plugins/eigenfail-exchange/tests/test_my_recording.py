@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS
-from eigenfail.values import POSITION
+from eigenfail.values.disturbance import POSITION
 from eigenfail_exchange.recorded_traffic.scenario import find_log_validity
 from eigenfail_workers.simulators.highway import HighwaySimulator
 

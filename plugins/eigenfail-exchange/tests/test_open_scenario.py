@@ -21,7 +21,7 @@ from recording_readers import (
 
 from eigenfail.contracts.recording import EgoControl
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Mission
+from eigenfail.values.scene import Mission
 from eigenfail_exchange.open_scenario import write_open_scenario
 from eigenfail_exchange.road import MAX_LANES, find_road
 

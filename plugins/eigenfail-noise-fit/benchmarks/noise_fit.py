@@ -25,19 +25,19 @@ from samples import COMMAND, count_share, share
 from targets import Target
 
 from eigenfail.intervals import find_interval
-from eigenfail.values import (
+from eigenfail.values.channels import GHOST, MISSED, Channel
+from eigenfail.values.disturbance import Conversion, DisturbanceModel
+from eigenfail.values.estimates import Interval
+from eigenfail.values.shapes import (
+    MOST_LIKELY,
     Autoregressive,
-    Conversion,
+    ChannelShape,
     Correlated,
-    DisturbanceModel,
     HeavyTailed,
-    Interval,
     Markov,
     PerChannel,
     White,
 )
-from eigenfail.values.channels import GHOST, MISSED, Channel
-from eigenfail.values.shapes import MOST_LIKELY, ChannelShape
 from eigenfail.values.student_t import NORMAL
 from eigenfail_noise_fit import fitting
 from eigenfail_noise_fit.checks import check_position

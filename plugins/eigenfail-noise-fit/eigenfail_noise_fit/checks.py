@@ -10,8 +10,9 @@ import msgspec
 import numpy as np
 from scipy import special, stats
 
-from eigenfail.values import AXES, Interval
 from eigenfail.values.channels import MISSED
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.estimates import Interval
 from eigenfail_noise_fit import jackknife
 from eigenfail_noise_fit.events import ChainFit
 from eigenfail_noise_fit.fitting import Fit

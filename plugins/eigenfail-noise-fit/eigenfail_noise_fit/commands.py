@@ -19,9 +19,9 @@ from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.suites import LIKE_MODEL, read_disturbance
-from eigenfail.values import AXES, DisturbanceModel, White
 from eigenfail.values.channels import EGO, GHOST, Channel, split_name
-from eigenfail.values.shapes import ChannelShape, Shape
+from eigenfail.values.disturbance import AXES, DisturbanceModel
+from eigenfail.values.shapes import ChannelShape, Shape, White
 from eigenfail.worlds import describe_disturbance, list_channels, world_of
 from eigenfail_noise_fit.events import MissBand
 from eigenfail_noise_fit.log_file import read_log

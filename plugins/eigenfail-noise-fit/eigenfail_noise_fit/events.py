@@ -12,9 +12,9 @@ import numpy as np
 from scipy import special
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Interval, Markov
 from eigenfail.values.channels import GHOST
-from eigenfail.values.shapes import MOST_LIKELY
+from eigenfail.values.estimates import Interval
+from eigenfail.values.shapes import MOST_LIKELY, Markov
 from eigenfail_noise_fit import jackknife
 from eigenfail_noise_fit.sensor_log import Booleans, EventSteps
 

@@ -13,9 +13,16 @@ import msgspec
 import numpy as np
 from scipy import special
 
-from eigenfail import values
 from eigenfail.values.channels import QUANTITIES, Channel
-from eigenfail.values.shapes import ChannelShape, Shape
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.shapes import (
+    Autoregressive,
+    ChannelShape,
+    Correlated,
+    HeavyTailed,
+    Shape,
+    White,
+)
 from eigenfail_noise_fit import jackknife
 from eigenfail_noise_fit.sensor_log import ErrorSeries
 
@@ -143,21 +150,19 @@ def _list_freedom(channels: tuple[str, ...]) -> tuple[jackknife.FreeParameter, .
     )
 
 
-def _make_heavy_tailed(inverse_freedom: float) -> values.HeavyTailed:
-    return values.HeavyTailed(1.0 / inverse_freedom)
+def _make_heavy_tailed(inverse_freedom: float) -> HeavyTailed:
+    return HeavyTailed(1.0 / inverse_freedom)
 
 
 CANDIDATES = (
-    Candidate(
-        "white", _list_no_parameters, find_white_density, find_white_z, values.White, values.White
-    ),
+    Candidate("white", _list_no_parameters, find_white_density, find_white_z, White, White),
     Candidate(
         "ar1",
         _list_correlations,
         find_correlated_density,
         find_correlated_z,
-        values.Autoregressive,
-        values.Correlated,
+        Autoregressive,
+        Correlated,
     ),
     Candidate(
         "student_t",
@@ -187,11 +192,11 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
     score: jackknife.ShapeScore
 
     @property
-    def model(self) -> values.DisturbanceModel:
+    def model(self) -> DisturbanceModel:
         """The disturbance model of a position with these parameters."""
         shape = self.candidate.make_joint_shape(*self._own.tolist())
         along, along_base, across, across_base = self.best[:4].tolist()
-        return values.DisturbanceModel(along, along_base, across, across_base, shape=shape)
+        return DisturbanceModel(along, along_base, across, across_base, shape=shape)
 
     @property
     def channel(self) -> Channel:

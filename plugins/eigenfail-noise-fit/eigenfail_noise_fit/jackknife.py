@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,9 +8,17 @@ import numpy as np
 from scipy import special, stats
 
 from eigenfail.presentation.svg import MUTED, Drawing, draw_svg, pick_mark
-from eigenfail.values import Autoregressive, Correlated, DisturbanceModel, Markov
 from eigenfail.values.channels import EGO, KINDS, MISSED, SCENARIO, Channel, split_name
-from eigenfail.values.shapes import MOST_LIKELY, ChannelShape, Shape, White
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.shapes import (
+    MOST_LIKELY,
+    Autoregressive,
+    ChannelShape,
+    Correlated,
+    Markov,
+    Shape,
+    White,
+)
 from eigenfail_noise_fit.checks import shift
 from eigenfail_noise_fit.events import ChainFit, MissBand, list_bands
 from eigenfail_noise_fit.fitting import Fit, compute_sigma

@@ -7,8 +7,9 @@ import msgspec
 import numpy as np
 
 from eigenfail.presentation.figures import count_noun, format_number, format_share
-from eigenfail.values import AXES, DisturbanceModel, Interval
 from eigenfail.values.channels import GHOST, MISSED, Channel
+from eigenfail.values.disturbance import AXES, DisturbanceModel
+from eigenfail.values.estimates import Interval
 from eigenfail_noise_fit import fitting
 from eigenfail_noise_fit.checks import (
     MAD_SIGMAS,

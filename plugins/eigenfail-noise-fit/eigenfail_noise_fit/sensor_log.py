@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import AXES
 from eigenfail.values.channels import QUANTITIES, UNIT_SUFFIXES
+from eigenfail.values.disturbance import AXES
 from eigenfail_noise_fit.jackknife import Array, Integers
 
 Booleans = NDArray[np.bool_]

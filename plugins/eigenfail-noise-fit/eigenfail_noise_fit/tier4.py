@@ -18,9 +18,9 @@ from scipy import optimize
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import read_whole
 from eigenfail.settings import convert
-from eigenfail.values import Autoregressive, DisturbanceModel, Markov, White
 from eigenfail.values.channels import EVERY, MISSED, Channel
-from eigenfail.values.shapes import MOST_LIKELY
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.shapes import MOST_LIKELY, Autoregressive, Markov, White
 from eigenfail_noise_fit.jackknife import Array
 
 RADII_M = (10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 150.0, 180.0, 1000.0)

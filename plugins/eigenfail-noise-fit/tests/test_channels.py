@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import AXES, Markov, NoiseTrajectory, PerChannel
+from eigenfail.values.disturbance import AXES, NoiseTrajectory
+from eigenfail.values.shapes import Markov, PerChannel
 from eigenfail_noise_fit.checks import check_channels
 from eigenfail_noise_fit.events import (
     CONSTANT,

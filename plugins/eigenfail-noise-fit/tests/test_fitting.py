@@ -11,15 +11,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    AXES,
-    Conversion,
-    Correlated,
-    DisturbanceModel,
-    HeavyTailed,
-    NoiseTrajectory,
-    White,
-)
+from eigenfail.values.disturbance import AXES, Conversion, DisturbanceModel, NoiseTrajectory
+from eigenfail.values.shapes import Correlated, HeavyTailed, White
 from eigenfail_noise_fit.checks import check_position
 from eigenfail_noise_fit.fitting import (
     CANDIDATES,

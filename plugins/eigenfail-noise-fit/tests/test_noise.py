@@ -8,7 +8,7 @@ import pytest
 
 from eigenfail.cli.specs import read_spec
 from eigenfail.suites import read_disturbance
-from eigenfail.values import DisturbanceModel
+from eigenfail.values.disturbance import DisturbanceModel
 
 HEAD = ("track", "time_s", "dx_m", "dy_m", "seen_dx_m", "seen_dy_m")
 

@@ -9,7 +9,7 @@ import yaml
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import read_disturbance
-from eigenfail.values import Autoregressive, Markov, White
+from eigenfail.values.shapes import Autoregressive, Markov, White
 from eigenfail_noise_fit.report import format_channels
 from eigenfail_noise_fit.tier4 import import_noise
 

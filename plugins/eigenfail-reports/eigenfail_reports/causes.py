@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from eigenfail.presentation import svg
 from eigenfail.presentation.figures import format_number, format_share
-from eigenfail.values import EpisodeResult, Outcome, Scene
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.scene import Scene
 from eigenfail_reports import page
 from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import (

@@ -7,7 +7,10 @@ from eigenfail.errors import Conflict, InputError
 from eigenfail.presentation import figures, svg
 from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.tables import OWN_EPISODES, format_cost
-from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
+from eigenfail.values.analysis import MinimalFailure
+from eigenfail.values.comparison import Region
+from eigenfail.values.estimates import Rate
+from eigenfail.values.summary import CampaignCost, CostPoint
 from eigenfail.worlds import list_channels
 from eigenfail_reports import page
 from eigenfail_reports.contents import Cell, ReportPicture

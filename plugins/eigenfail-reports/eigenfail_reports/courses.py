@@ -3,15 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from eigenfail import values
 from eigenfail.presentation import figures, svg
 from eigenfail.presentation.rates import FAILED_SHARE, name_rates
 from eigenfail.presentation.tables import OWN_EPISODES
-from eigenfail.values import (
-    Figure as Number,
-)
+from eigenfail.values.estimates import Interval, Rate
 from eigenfail.values.records import IN_WORDS
-from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.safety import TAIL_LEVEL, FailurePoint, SeverityRisk, Violations
+from eigenfail.values.safety import Figure as Number
+from eigenfail.values.summary import CourseBlock, MeanTime
 from eigenfail_reports import page
 from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import Material, Subject, sample_note
@@ -137,7 +136,7 @@ def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
     return [(subject.id, *row) for row in rows]
 
 
-def format_safety_share(found: values.Rate | None) -> tuple[Cell, ...]:
+def format_safety_share(found: Rate | None) -> tuple[Cell, ...]:
     """k of n as a share with its interval."""
     if found is None:
         return (None, None, None, None, None, "share")
@@ -149,12 +148,12 @@ def count(k: int, n: int) -> tuple[Cell, ...]:
     return (k, n, None, None, None, "")
 
 
-def make_mean_row(found: values.MeanTime) -> tuple[Cell, ...]:
+def make_mean_row(found: MeanTime) -> tuple[Cell, ...]:
     """Return the row of a mean time."""
     return (None, found.n, found.mean_s, None, None, "s")
 
 
-def make_severity_row(risk: values.SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
+def make_severity_row(risk: SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
     """Return the row of a figure of the failures' severity with its interval."""
     bounds = found.interval if found else None
     value = found.value if found else None
@@ -162,7 +161,7 @@ def make_severity_row(risk: values.SeverityRisk, found: Number | None) -> tuple[
     return (None, risk.n, value, *ends, "m²/s²")
 
 
-def format_count(found: values.Rate | None) -> tuple[str, ...]:
+def format_count(found: Rate | None) -> tuple[str, ...]:
     """Return k of n, and the share."""
     if found is None:
         return (figures.UNKNOWN, "no episode completed")
@@ -174,7 +173,7 @@ def format_count(found: values.Rate | None) -> tuple[str, ...]:
     )
 
 
-def format_exceedance(found: values.Violations, unit: str) -> tuple[str, ...]:
+def format_exceedance(found: Violations, unit: str) -> tuple[str, ...]:
     """Return how often a threshold was passed, and the median and worst value."""
     middle, worst = figures.format_number(found.median), figures.format_number(found.worst)
     return (
@@ -189,7 +188,7 @@ def format_collisions(k: int, subject: Subject) -> tuple[str, ...]:
     return (f"{k:,} of {count:,} collisions",) if count else (figures.UNKNOWN,)
 
 
-def format_lead(found: values.MeanTime) -> tuple[str, ...]:
+def format_lead(found: MeanTime) -> tuple[str, ...]:
     """Return a mean lead time with its number of failures."""
     if found.mean_s is None:
         return (figures.UNKNOWN, "no such collision")
@@ -311,7 +310,7 @@ def list_unmeasured(material: Material) -> Iterator[str]:
             )
 
 
-def list_likelihood(campaign: int, point: values.FailurePoint) -> tuple[Cell, ...]:
+def list_likelihood(campaign: int, point: FailurePoint) -> tuple[Cell, ...]:
     """The numbers of a failure."""
     conflict = IN_WORDS[point.conflict] if point.conflict else None
     return (campaign, point.index, point.log_probability_per_step, point.severity, conflict)
@@ -431,7 +430,7 @@ def make_learning(material: Material) -> page.ReportPart:
     )
 
 
-def list_learning(subject: Subject, block: values.CourseBlock) -> tuple[Cell, ...]:
+def list_learning(subject: Subject, block: CourseBlock) -> tuple[Cell, ...]:
     """The numbers of a block."""
     rate = block.failure_rate
     return (
@@ -482,7 +481,7 @@ def draw_learning(group: tuple[Subject, ...]) -> svg.Drawing:
             look, blocks = svg.pick_mark(subject.place), subject.course.blocks
             middle = [(block.first + block.last) / 2.0 for block in blocks]
             rates = [block.failure_rate for block in blocks]
-            bounds = [rate.interval or values.Interval(rate.share, rate.share) for rate in rates]
+            bounds = [rate.interval or Interval(rate.share, rate.share) for rate in rates]
             pairs = list(zip(rates, bounds, strict=True))
             down = [100.0 * (rate.share - each.low) for rate, each in pairs]
             up = [100.0 * (each.high - rate.share) for rate, each in pairs]

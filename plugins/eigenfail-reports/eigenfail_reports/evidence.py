@@ -7,7 +7,7 @@ import numpy as np
 
 from eigenfail.presentation import svg
 from eigenfail.presentation.figures import format_share
-from eigenfail.values import Proof, ReplayedNoise, Reproduction
+from eigenfail.values.proof import Proof, ReplayedNoise, Reproduction
 from eigenfail_reports import page
 from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import (

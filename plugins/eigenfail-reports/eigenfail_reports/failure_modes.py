@@ -7,7 +7,9 @@ import numpy as np
 
 from eigenfail.presentation import svg
 from eigenfail.presentation.figures import format_number
-from eigenfail.values import AXES, FailureMode, Floats
+from eigenfail.values.analysis import FailureMode
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES
 from eigenfail_reports import page
 from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import (

@@ -6,9 +6,15 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail import values
 from eigenfail.errors import InputError, InvalidValue
 from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels
+from eigenfail.values.analysis import Analysis, AnalysisResult
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.safety import Safety
+from eigenfail.values.summary import Course, Summary
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_reports.contents import MOST_CAMPAIGNS, Cell
@@ -27,11 +33,11 @@ class Subject(NamedTuple):
         place: in the report, from 0; how it is drawn follows from it.
     """
 
-    campaign: values.Campaign
-    summary: values.Summary
-    course: values.Course
-    safety: values.Safety
-    analysis: values.Analysis | None
+    campaign: Campaign
+    summary: Summary
+    course: Course
+    safety: Safety
+    analysis: Analysis | None
     place: int
 
     @property
@@ -122,7 +128,7 @@ def list_unfinished(material: Material) -> Iterator[str]:
     """Whose figures may still change, or rest on less than was asked for."""
     for each in material.subjects:
         campaign = each.campaign
-        if campaign.state not in values.FINAL_STATES:
+        if campaign.state not in FINAL_STATES:
             yield f"Campaign {each.id} is {campaign.state}: its figures may still change."
         yield from (" ".join(sentences) for sentences in [describe_mixed(campaign)] if sentences)
         if campaign.counts.errored:
@@ -162,9 +168,9 @@ class Analysed(NamedTuple):
     """
 
     subject: Subject
-    analysis: values.Analysis
-    result: values.AnalysisResult
-    medoids: tuple[values.EpisodeResult, ...]
+    analysis: Analysis
+    result: AnalysisResult
+    medoids: tuple[EpisodeResult, ...]
     step_s: float | None
 
     @property
@@ -239,7 +245,7 @@ def arrange_by_channel(
         yield from by_name.get(channel, nothing)
 
 
-def find_step_s(spec: values.CampaignSpec) -> float | None:
+def find_step_s(spec: CampaignSpec) -> float | None:
     """Return the duration of a step [s]; None for a scenario that is not installed here."""
     try:
         return world_of(spec.simulator).step_s(spec)
@@ -278,7 +284,7 @@ def make_band(store: Store, found: Analysed, mode: int) -> Band:
 
 
 def stack_noise(
-    noise: list[values.Floats], shape: tuple[int, ...], at_collision: bool
+    noise: list[Floats], shape: tuple[int, ...], at_collision: bool
 ) -> NDArray[np.float64]:
     """Return noise trajectories as rows of one length, with NaN where there is none.
 

@@ -13,7 +13,9 @@ from eigenfail.presentation import figures
 from eigenfail.presentation.rates import FAILED_SHARE, NO_ESTIMATE
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
 from eigenfail.settings import defaults_of
-from eigenfail.values import Campaign, CampaignSpec, Rate
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Rate
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 from eigenfail_reports import page
 from eigenfail_reports.contents import Cell

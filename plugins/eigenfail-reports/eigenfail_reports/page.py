@@ -16,7 +16,7 @@ from eigenfail import __version__
 from eigenfail.presentation.figures import UNKNOWN, format_utc
 from eigenfail.presentation.svg import Drawing
 from eigenfail.presentation.tables import TableColumn, format_cell
-from eigenfail.values import Estimate
+from eigenfail.values.estimates import Estimate
 from eigenfail_reports.contents import (
     Cell,
     Report,

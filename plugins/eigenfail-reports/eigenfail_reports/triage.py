@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from eigenfail.presentation.figures import count_noun, format_utc
-from eigenfail.values import Mode
+from eigenfail.values.analysis import Mode
 from eigenfail.values.triage import Triage
 from eigenfail_reports.material import Material
 from eigenfail_reports.page import ColumnOf, ReportPart, tabulate

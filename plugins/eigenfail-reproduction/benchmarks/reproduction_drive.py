@@ -21,7 +21,7 @@ from samples import COMMAND, share
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_reproduction import seeds
 from eigenfail_reproduction.page import PREFIXES as NAMES
 from eigenfail_reproduction.page import format_our_number, format_tables

@@ -5,8 +5,7 @@ from types import MappingProxyType
 
 import msgspec
 
-from eigenfail.values import AnalysisSettings
-from eigenfail.values.analysis import STABLE
+from eigenfail.values.analysis import STABLE, AnalysisSettings
 from eigenfail_reproduction.paper import SAFETY_COUNTS, SAFETY_EPISODES
 
 DRAWN = (

@@ -5,8 +5,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import comb
 
 from eigenfail.presentation.figures import format_interval, format_number, format_share
-from eigenfail.values import AnalysisResult, Proof, Safety
-from eigenfail.values.safety import Scatter
+from eigenfail.values.analysis import AnalysisResult
+from eigenfail.values.proof import Proof
+from eigenfail.values.safety import Safety, Scatter
 from eigenfail_reproduction.judgements import FEWEST_FAILURES, Judgement, agree
 from eigenfail_reproduction.paper import MODES, PaperStatement
 from eigenfail_reproduction.programme import STEP_S, ScenarioProgramme

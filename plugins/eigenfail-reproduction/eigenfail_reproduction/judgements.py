@@ -5,7 +5,9 @@ from math import hypot
 from statistics import fmean, stdev
 
 from eigenfail.intervals import Z, bound_rate
-from eigenfail.values import Comparison, Rate, Safety
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.estimates import Rate
+from eigenfail.values.safety import Safety
 
 Judgement = bool | None
 """Whether a statement or a part of it holds; None where an interval includes no difference."""

@@ -9,7 +9,7 @@ import msgspec
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import TableColumn, format_cell
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_reproduction.paper import (
     REPLAYED,
     PaperColumn,

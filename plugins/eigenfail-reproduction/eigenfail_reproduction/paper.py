@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import msgspec
 
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 
 REPLAYED = "share of replays"
 """Unit of shares of a few replays of chosen noise: no random sample, so without an interval."""

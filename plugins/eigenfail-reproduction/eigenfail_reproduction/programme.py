@@ -8,8 +8,9 @@ import msgspec
 
 from eigenfail.errors import UnknownName
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
-from eigenfail.values.disturbance import AXES
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import AXES, DisturbanceModel
 from eigenfail.values.requirements import AnyRequirement, MeasureLimit
 
 FRESH = 1000

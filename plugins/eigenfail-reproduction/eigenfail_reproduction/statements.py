@@ -6,23 +6,29 @@ from functools import partial
 
 import msgspec
 
-from eigenfail import values
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.presentation.figures import format_count, format_number
 from eigenfail.suites import Suite
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, AnalysisState
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.episode import Outcome
+from eigenfail.values.proof import Proof
+from eigenfail.values.safety import Safety
+from eigenfail.values.summary import Summary
 from eigenfail_reproduction import judgements, tables
 from eigenfail_reproduction.causes import Causes, judge_causes, leave_causes_open
 from eigenfail_reproduction.paper import PaperReproduction, PaperStatement, PaperTable
 from eigenfail_reproduction.programme import SWEPT, ScenarioProgramme, find_programme
 
-Summaries = Mapping[str, values.Summary]
+Summaries = Mapping[str, Summary]
 
 
-Safeties = Mapping[str, values.Safety]
+Safeties = Mapping[str, Safety]
 
 
-Compare = Callable[[str, str], values.Comparison]
+Compare = Callable[[str, str], Comparison]
 """From the names of two members A and B to the comparison of B with A."""
 
 
@@ -312,12 +318,12 @@ def _list_figures(summaries: Summaries, names: Sequence[str], *means: Means) -> 
     return "; ".join(f"{name}: {_describe(summaries[name], means)}" for name in names)
 
 
-def _count(summary: values.Summary) -> str:
+def _count(summary: Summary) -> str:
     counts = summary.counts
     return f"{format_count(counts.failures)} of {format_count(counts.completed)} failed"
 
 
-def _describe(summary: values.Summary, means: Collection[Means]) -> str:
+def _describe(summary: Summary, means: Collection[Means]) -> str:
     words = [_count(summary)]
     if Means.LOG_P in means and summary.log_probability_per_step is not None:
         total = format_number(summary.mean_log_probability)
@@ -341,10 +347,10 @@ CORRELATED = ("ast evaluation", "ast_paper evaluation", "difs evaluation", "difs
 class Evidence(msgspec.Struct, frozen=True):
     """Results by the name of the member; analyses by name and axis, causes by name and episode."""
 
-    summaries: Mapping[str, values.Summary]
-    safeties: Mapping[str, values.Safety]
+    summaries: Mapping[str, Summary]
+    safeties: Mapping[str, Safety]
     analyses: tables.Analyses
-    proofs: Mapping[str, values.Proof]
+    proofs: Mapping[str, Proof]
     causes: Causes
 
 
@@ -391,14 +397,14 @@ def build_reproduction(
     )
 
 
-def _require_done(suite: Suite, campaigns: Sequence[values.Campaign | None]) -> None:
+def _require_done(suite: Suite, campaigns: Sequence[Campaign | None]) -> None:
     """Refuse a programme that is not done.
 
     Raises:
         Conflict: a campaign is missing, or ended otherwise.
     """
     for member, campaign in zip(suite.members, campaigns, strict=True):
-        if campaign is None or campaign.state is not values.CampaignState.DONE:
+        if campaign is None or campaign.state is not CampaignState.DONE:
             state = campaign.state if campaign else "not there"
             raise Conflict(
                 f"The campaign '{member.spec.name}' is {state}, so that its tables would be wrong.",
@@ -415,8 +421,8 @@ def _gather_evidence(
     diagnosed = {name: ids[name] for name in ANALYSED if name in ids}
     readings = tables.list_readings(programme)
     causes: dict[str, Mapping[int, str]] = {}
-    analyses: dict[tuple[str, str, str], values.AnalysisResult] = {}
-    proofs: dict[str, values.Proof] = {}
+    analyses: dict[tuple[str, str, str], AnalysisResult] = {}
+    proofs: dict[str, Proof] = {}
     for name, campaign in diagnosed.items():
         who = f"of campaign {campaign} ({name})"
         begin(f"Reading the failures {who}")
@@ -438,11 +444,11 @@ def _gather_evidence(
 
 def _list_causes(client: Client, campaign: int) -> Mapping[int, str]:
     """Return the cause of each failure, by episode; nothing where the scenario names none."""
-    failures = client.episodes.list(campaign, values.Outcome.COLLISION)
+    failures = client.episodes.list(campaign, Outcome.COLLISION)
     return {each.index: each.cause for each in failures if each.cause is not None}
 
 
-def _prove(client: Client, campaign: int, settings: values.AnalysisSettings) -> values.Proof:
+def _prove(client: Client, campaign: int, settings: AnalysisSettings) -> Proof:
     """Return the replays of a campaign's eigenfailures in its scenario and in similar ones."""
     analysis, _ = _analyze(client, campaign, settings)
     # Asked for again after their end, they are followed by a search that no statement needs.
@@ -452,15 +458,15 @@ def _prove(client: Client, campaign: int, settings: values.AnalysisSettings) -> 
 
 
 def _analyze(
-    client: Client, campaign: int, settings: values.AnalysisSettings
-) -> tuple[int, values.AnalysisResult]:
+    client: Client, campaign: int, settings: AnalysisSettings
+) -> tuple[int, AnalysisResult]:
     """Return id and result of the analysis with these settings; run it if there is none.
 
     Raises:
         Conflict: the failures cannot be analysed.
     """
     known = (one for one in client.analyses.list(campaign) if one.settings == settings)
-    done = next((one for one in known if one.state is values.AnalysisState.DONE), None)
+    done = next((one for one in known if one.state is AnalysisState.DONE), None)
     found = client.analyses.wait((done or client.analyses.create(campaign, settings)).id)
     if found.result is None:
         raise Conflict(f"The failures of campaign {campaign} were not analysed: {found.problem}")
@@ -488,6 +494,6 @@ def _judge_statements(
             yield from leave_causes_open(name)
 
 
-def _compare(client: Client, evidence: Evidence, a: str, b: str) -> values.Comparison:
+def _compare(client: Client, evidence: Evidence, a: str, b: str) -> Comparison:
     one, other = (evidence.summaries[name].campaign for name in (a, b))
     return client.campaigns.compare(one, other)

@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail import values
 from eigenfail.intervals import bound_rate
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.disturbance import AXES
-from eigenfail.values.proof import ProvenScenario
-from eigenfail.values.safety import Violations
+from eigenfail.values.estimates import Rate
+from eigenfail.values.proof import Proof, ProvenScenario
+from eigenfail.values.safety import Safety, Violations
+from eigenfail.values.summary import Summary
 from eigenfail_reproduction.captions import (
     CAPTIONS,
     MEANS,
@@ -44,36 +46,36 @@ from eigenfail_reproduction.paper import (
 )
 from eigenfail_reproduction.programme import LEARNERS, ScenarioProgramme
 
-Summaries = Mapping[str, values.Summary]
-Read = Callable[[values.Summary], PaperNumber]
+Summaries = Mapping[str, Summary]
+Read = Callable[[Summary], PaperNumber]
 
 
-def _read_rate(of: values.Summary) -> PaperNumber:
+def _read_rate(of: Summary) -> PaperNumber:
     if of.failure_rate is None:
         return PaperNumber(None, 0)
     return PaperNumber(of.failure_rate.value, of.failure_rate.n, of.failure_rate.interval)
 
 
-def _read_draws(of: values.Summary) -> PaperNumber:
+def _read_draws(of: Summary) -> PaperNumber:
     """Return the failure rate of independent draws, from p(x) or from one trained searcher."""
     return _count_draws(of.failure_rate)
 
 
-def _count_draws(rate: values.Rate | None, paper: float | None = None) -> PaperNumber:
+def _count_draws(rate: Rate | None, paper: float | None = None) -> PaperNumber:
     if rate is None:
         return PaperNumber(None, 0, paper=paper)
     return PaperNumber(rate.value, rate.n, bound_rate(rate), paper)
 
 
-def _read_mean(value: Callable[[values.Summary], float | None]) -> Read:
+def _read_mean(value: Callable[[Summary], float | None]) -> Read:
     return lambda of: PaperNumber(value(of), of.counts.failures)
 
 
-def _read_cost(of: values.Summary) -> PaperNumber:
+def _read_cost(of: Summary) -> PaperNumber:
     return PaperNumber(of.cost.per_failure_usd, of.counts.failures, of.cost.interval_usd)
 
 
-def _read_hours(of: values.Summary) -> PaperNumber:
+def _read_hours(of: Summary) -> PaperNumber:
     return PaperNumber(of.cost.instance_hours, of.counts.completed)
 
 
@@ -171,7 +173,7 @@ def build_campaign_tables(found: Summaries, programme: ScenarioProgramme) -> Ite
             yield PaperTable(layout.name, layout.title, columns, rows, layout.note)
 
 
-def _build_row(name: str, of: values.Summary, layout: TableLayout) -> PaperRow:
+def _build_row(name: str, of: Summary, layout: TableLayout) -> PaperRow:
     paper = layout.rows[name]
     numbers = ((column, read(of)) for column, read in layout.columns)
     beside = (
@@ -180,12 +182,12 @@ def _build_row(name: str, of: values.Summary, layout: TableLayout) -> PaperRow:
     return PaperRow(name, tuple(beside), of.campaign)
 
 
-def _group_by_noise(**changes: Any) -> values.AnalysisSettings:
+def _group_by_noise(**changes: Any) -> AnalysisSettings:
     """Return settings of an analysis that finds modes as the paper does."""
-    return values.AnalysisSettings(features="noise", **changes)
+    return AnalysisSettings(features="noise", **changes)
 
 
-READINGS: Mapping[tuple[str, str], values.AnalysisSettings] = MappingProxyType(
+READINGS: Mapping[tuple[str, str], AnalysisSettings] = MappingProxyType(
     {
         ("longitudinal", "collision"): _group_by_noise(axes="longitudinal", align="collision"),
         ("lateral", "collision"): _group_by_noise(axes="lateral", align="collision"),
@@ -201,7 +203,7 @@ READINGS: Mapping[tuple[str, str], values.AnalysisSettings] = MappingProxyType(
 
 def list_readings(
     programme: ScenarioProgramme,
-) -> Mapping[tuple[str, str], values.AnalysisSettings]:
+) -> Mapping[tuple[str, str], AnalysisSettings]:
     """Return the settings of the analyses of a programme, by axes and alignment.
 
     Where the noise is on every vehicle, an axis is that of all vehicles, and all analyses but that
@@ -220,7 +222,7 @@ def list_readings(
 TABLED = (("longitudinal", "collision"), ("lateral", "collision"))
 """Those of the table of components."""
 
-Analyses = Mapping[tuple[str, str, str], values.AnalysisResult]
+Analyses = Mapping[tuple[str, str, str], AnalysisResult]
 """Of the failures of an evaluation, by the name of its member, axes and alignment."""
 
 MEASURES = (
@@ -241,13 +243,13 @@ REPLAYS = (
 )
 
 
-def build_safety_table(found: Mapping[str, values.Safety]) -> PaperTable:
+def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
     """Build the table of collisions, MinTTC and DRAC of evaluations."""
     rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
     return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), OF_SAFETY)
 
 
-def _build_safety_rows(name: str, safety: values.Safety) -> Iterator[PaperRow]:
+def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
     # The paper has these measures of DiFS alone.
     paper = SAFETY if name.startswith("difs") else {}
     collisions = (
@@ -293,7 +295,7 @@ def build_component_table(found: Analyses, programme: ScenarioProgramme) -> Pape
     )
 
 
-def _read_components(axis: str, result: values.AnalysisResult) -> tuple[PaperNumber, ...]:
+def _read_components(axis: str, result: AnalysisResult) -> tuple[PaperNumber, ...]:
     n = len(result.episodes)
     return (
         PaperNumber(float(result.explained.sum()), n, paper=EXPLAINED_BY_THREE.get(axis)),
@@ -304,7 +306,7 @@ def _read_components(axis: str, result: values.AnalysisResult) -> tuple[PaperNum
     )
 
 
-def _read_stability(result: values.AnalysisResult) -> PaperNumber:
+def _read_stability(result: AnalysisResult) -> PaperNumber:
     if result.stability is None:
         return PaperNumber(None, 0)
     return PaperNumber(
@@ -312,9 +314,7 @@ def _read_stability(result: values.AnalysisResult) -> PaperNumber:
     )
 
 
-def build_replay_table(
-    found: Mapping[str, values.Proof], programme: ScenarioProgramme
-) -> PaperTable:
+def build_replay_table(found: Mapping[str, Proof], programme: ScenarioProgramme) -> PaperTable:
     """Build the table of replays of eigenfailures and medoids, by scenario."""
     rows = (
         PaperRow(f"{name}: {_name_scenario(scenario)}", _read_replays(scenario), scenario.campaign)
@@ -330,7 +330,7 @@ def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:
     return (_read_share(scenario.eigenfailures.rate, 1.0), _read_share(scenario.medoids.rate))
 
 
-def _read_share(rate: values.Rate | None, paper: float | None = None) -> PaperNumber:
+def _read_share(rate: Rate | None, paper: float | None = None) -> PaperNumber:
     if rate is None:
         return PaperNumber(None, 0, paper=paper)
     return PaperNumber(rate.value, rate.n, paper=paper)

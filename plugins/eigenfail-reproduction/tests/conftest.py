@@ -9,8 +9,10 @@ import pytest
 from working_service import WorkingService, run_command
 
 from eigenfail.intervals import find_interval
-from eigenfail.values import Conflicts, Cost, Counts, Rate, Safety, Summary
-from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk, Violations
+from eigenfail.values.campaign import Counts
+from eigenfail.values.estimates import Cost, Rate
+from eigenfail.values.safety import FailurePoint, Safety, Scatter, SeverityRisk, Violations
+from eigenfail.values.summary import Conflicts, Summary
 from eigenfail_reproduction.programme import build_suite
 from eigenfail_services.store import open_store
 

@@ -7,20 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.values import (
-    AnalysisResult,
-    CampaignState,
-    Conflicts,
-    FailureMode,
-    InfluenceShare,
-    Interval,
-    Proof,
-    Rate,
-    Safety,
-)
-from eigenfail.values.analysis import Stability
-from eigenfail.values.proof import ProvenScenario, Reproduction
-from eigenfail.values.safety import FailurePoint, Figure, Scatter, SeverityRisk, Violations
+from eigenfail.values.analysis import AnalysisResult, FailureMode, InfluenceShare, Stability
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.estimates import Interval, Rate
+from eigenfail.values.proof import Proof, ProvenScenario, Reproduction
+from eigenfail.values.safety import FailurePoint, Figure, Safety, Scatter, SeverityRisk, Violations
+from eigenfail.values.summary import Conflicts
 from eigenfail_reproduction.causes import compute_rand_index, judge_causes, leave_causes_open
 from eigenfail_reproduction.programme import PROGRAMMES
 from eigenfail_reproduction.tables import (

@@ -5,7 +5,7 @@ import re
 import msgspec
 import pytest
 
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_reproduction.page import format_page, list_claims
 from eigenfail_reproduction.paper import (
     PaperColumn,

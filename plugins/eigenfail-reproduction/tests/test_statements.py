@@ -3,7 +3,8 @@
 import msgspec
 import pytest
 
-from eigenfail.values import Comparison, Cost, Difference, Interval, Side
+from eigenfail.values.comparison import Comparison, Difference, Side
+from eigenfail.values.estimates import Cost, Interval
 from eigenfail_reproduction.judgements import is_greater
 from eigenfail_reproduction.paper import LONG_SWEEP
 from eigenfail_reproduction.programme import PROGRAMMES

@@ -1,7 +1,7 @@
 """The paper's tables with our numbers beside its own."""
 
 from eigenfail.intervals import find_interval
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_reproduction.page import format_heading, format_our_number, format_paper_number
 from eigenfail_reproduction.paper import REPLAYED, SWEEP, PaperColumn, PaperNumber
 from eigenfail_reproduction.programme import PROGRAMMES

@@ -14,7 +14,8 @@ from searches import EARLIER, Found, search, side_by_side
 from targets import Target
 
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec, Floats
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_searches.chains.diagnostics import measure_projections
 from eigenfail_searches.chains.method import ChainSettings, read_state
 

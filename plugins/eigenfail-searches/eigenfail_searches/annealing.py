@@ -12,8 +12,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail import values
 from eigenfail.contracts import MethodTraits
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive, robustness_m
 
 Array = NDArray[np.float64]
@@ -125,7 +127,7 @@ class SimulatedAnnealing:
     traits = MethodTraits(chart_mark=15, references={})
     lookahead = 0
 
-    def __init__(self, context: values.LearnerContext, settings: AnnealingSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: AnnealingSettings) -> None:
         self._seed = context.seed
         self._horizon = context.horizon
         self._channels = context.channels
@@ -134,16 +136,16 @@ class SimulatedAnnealing:
         self._walks = [Walk(np.zeros(dimension)) for _ in range(settings.runs)]
 
     @staticmethod
-    def round_sizes(settings: AnnealingSettings, _episodes: int) -> values.RoundSizes:
+    def round_sizes(settings: AnnealingSettings, _episodes: int) -> RoundSizes:
         """Return the number of runs for all rounds."""
-        return values.RoundSizes(settings.runs, settings.runs, "runs")
+        return RoundSizes(settings.runs, settings.runs, "runs")
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return the next move of each run, of the first n where there are more."""
         count = min(n, len(self._walks))
-        return values.Proposal(tuple(values.TrajectorySource(self._hold(i)) for i in range(count)))
+        return Proposal(tuple(TrajectorySource(self._hold(i)) for i in range(count)))
 
-    def _hold(self, run: int) -> values.Floats:
+    def _hold(self, run: int) -> Floats:
         knots = self._find_candidate(run).reshape(-1, self._channels).astype(np.float32)
         return np.repeat(knots, self._settings.hold, axis=0)[: self._horizon]
 
@@ -158,7 +160,7 @@ class SimulatedAnnealing:
     def _random(self, run: int, purpose: int = 0) -> np.random.Generator:
         return np.random.default_rng([self._seed, run, self._walks[run].draws, purpose])
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Accept or refuse the move of each run."""
         for run, result in enumerate(results):
             robustness = robustness_m(result)

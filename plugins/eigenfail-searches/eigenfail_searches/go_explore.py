@@ -14,16 +14,9 @@ from msgspec import Meta
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import LearnerFailed
-from eigenfail.values import (
-    EpisodeResult,
-    Floats,
-    Importance,
-    LearnerContext,
-    Outcome,
-    Proposal,
-    RoundSizes,
-    TrajectorySource,
-)
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, Importance, Outcome, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive
 
 LARGEST_IMPORTANCE = 1e6

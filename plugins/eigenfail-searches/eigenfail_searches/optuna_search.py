@@ -14,14 +14,9 @@ from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    EpisodeResult,
-    Floats,
-    LearnerContext,
-    Proposal,
-    RoundSizes,
-    TrajectorySource,
-)
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive, robustness_m
 
 if TYPE_CHECKING:

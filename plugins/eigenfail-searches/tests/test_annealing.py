@@ -6,7 +6,8 @@ import pytest
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import ToyEngine
-from eigenfail.values import EpisodeTask, LearnerContext, episode_seed
+from eigenfail.values.episode import EpisodeTask, episode_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.annealing import SimulatedAnnealing
 from eigenfail_workers.functions import FunctionEngine
 

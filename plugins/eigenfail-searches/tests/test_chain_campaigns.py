@@ -7,7 +7,7 @@ from chain_campaigns import CHAINS, EPISODES, Campaigns
 
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.presentation.analyses import describe_chain_mixing
-from eigenfail.values import AnalysisSettings
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail_searches.chains.diagnostics import judge_projections
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing

@@ -9,7 +9,9 @@ import pytest
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import EpisodeResult, LearnerContext, NoiseTrajectory, Outcome
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.chains.diagnostics import judge_projections, measure_projections
 from eigenfail_searches.chains.method import (
     ChainSettings,

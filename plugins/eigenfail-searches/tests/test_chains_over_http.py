@@ -11,7 +11,7 @@ from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app as commands
 from eigenfail.client import Client
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_searches.chains.method import ChainSettings, FailureChains

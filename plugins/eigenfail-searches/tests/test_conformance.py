@@ -11,7 +11,8 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method, traits_of
 from eigenfail.testing.learner import LearnerSuite
-from eigenfail.values import CampaignSpec, LearnerContext
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.annealing import SimulatedAnnealing
 from eigenfail_searches.chains.method import FailureChains
 from eigenfail_searches.go_explore import GoExplore

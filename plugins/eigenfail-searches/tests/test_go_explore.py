@@ -6,13 +6,9 @@ import pytest
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeTask,
-    Importance,
-    LearnerContext,
-    episode_seed,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, Importance, episode_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.go_explore import START, Cell, GoExplore, LevelScale
 from eigenfail_services.methods import archive
 from eigenfail_workers.engine import Engine

@@ -6,7 +6,8 @@ import pytest
 from eigenfail.errors import InvalidValue
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
-from eigenfail.values import EpisodeTask, LearnerContext, TrajectorySource, episode_seed
+from eigenfail.values.episode import EpisodeTask, TrajectorySource, episode_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.optuna_search import OptunaSearch, score_several, score_single
 from eigenfail_services.methods import archive, check_budget
 from eigenfail_services.methods.ensemble import Ensemble

@@ -7,7 +7,7 @@ from parallel_rounds import CORRIDOR, describe, make_rounds, play, run
 
 from eigenfail.errors import InvalidValue
 from eigenfail.testing.learner import ToyEngine
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_searches.chains.method import ChainSettings, FailureChains, read_state
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.campaigns.validation import check_spec, find_pace

@@ -19,8 +19,17 @@ from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.settings import convert
-from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
-from eigenfail.values.analysis import Alignment, Centre, Clusterer, FailureChoice, Features
+from eigenfail.values.analysis import (
+    Alignment,
+    Analysis,
+    AnalysisSettings,
+    AnalysisState,
+    Centre,
+    Clusterer,
+    FailureChoice,
+    Features,
+)
+from eigenfail.values.proof import Proof
 from eigenfail.worlds import find_robustness_unit
 
 app = typer.Typer(add_completion=False)

@@ -36,8 +36,10 @@ from eigenfail.presentation.campaigns import (
     tabulate_workers,
 )
 from eigenfail.presentation.terminal import render
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Priority, Summary
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.summary import Summary
 from eigenfail.wire.http import make_error
 from eigenfail.worlds import find_robustness_unit
 

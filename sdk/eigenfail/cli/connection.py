@@ -24,7 +24,7 @@ from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.processes import interruptible
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.suites import Suite, list_references, replace_references
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.wire.http import Problem, make_error
 from eigenfail.worlds import world_of
 

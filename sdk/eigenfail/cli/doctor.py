@@ -32,7 +32,7 @@ from eigenfail.hosting.service import load_database_tool
 from eigenfail.methods import find_narrow_campaigns
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.progress import announce
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Presence, Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")

@@ -25,10 +25,12 @@ from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
-from eigenfail.values import CampaignSpec, Outcome, Replayed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
 from eigenfail.values.export import ExportFormat, ExportRequest
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.operations import Versions
+from eigenfail.values.proof import Replayed
 from eigenfail.versions import differences, versions
 from eigenfail.wire.http import SHRINK_WITHIN
 from eigenfail.worlds import drawn_for, placed_for

@@ -33,18 +33,10 @@ from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.methods import traits_of
 from eigenfail.progress import announce
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import (
-    Analysis,
-    AnalysisSettings,
-    AnalysisState,
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    MinimalFailure,
-    Outcome,
-    episode_seed,
-)
-from eigenfail.values.episode import FAILURES
+from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState, MinimalFailure
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import FAILURES, Outcome, episode_seed
 from eigenfail.values.records import PEAK_BRAKING_MPS2, EpisodeRow
 from eigenfail.values.release import ReleaseTable
 from eigenfail.values.suite import suite_of

@@ -15,7 +15,7 @@ from eigenfail.client.triage import TriageFields
 from eigenfail.presentation.figures import format_local_time
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render, start_grid
-from eigenfail.values import Mode
+from eigenfail.values.analysis import Mode
 from eigenfail.values.triage import Triage, TriageState
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)

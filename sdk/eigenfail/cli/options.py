@@ -9,7 +9,7 @@ from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
 from eigenfail.cli import completion
 from eigenfail.errors import InvalidValue
 from eigenfail.suites import LEAST_SEEDS, MOST_MEMBERS
-from eigenfail.values import Priority
+from eigenfail.values.campaign_spec import Priority
 
 Url = Annotated[
     str,

@@ -31,14 +31,8 @@ from eigenfail.progress import (
     reporter,
 )
 from eigenfail.suites import Suite
-from eigenfail.values import (
-    FINAL_STATES,
-    Campaign,
-    CampaignState,
-    Counts,
-    Summary,
-)
-from eigenfail.values.summary import Errored
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, Counts
+from eigenfail.values.summary import Errored, Summary
 
 PLAIN_WIDTH = 1_000
 """Of pipes and files: no row is broken there. [characters]"""

@@ -30,7 +30,8 @@ from eigenfail.suites import (
     list_leaves,
     set_path,
 )
-from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.variation import read_variation
 from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields
 from eigenfail.worlds import world_of

@@ -24,7 +24,7 @@ from eigenfail.presentation import suites
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.suites import Suite
-from eigenfail.values import Campaign, CampaignState
+from eigenfail.values.campaign import Campaign, CampaignState
 
 app = typer.Typer(
     add_completion=False,

@@ -25,7 +25,7 @@ from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.presentation.figures import UNKNOWN, format_local_time
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.presentation.workers import PACKAGE, WorkerActivity, combine_activity
-from eigenfail.values import Campaign, CampaignState
+from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import ACTIVE_S, DAY_S
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE
 

@@ -17,15 +17,9 @@ from eigenfail.client.references import (
 )
 from eigenfail.contracts.recording import ANIMATION
 from eigenfail.files import write_whole
-from eigenfail.values import (
-    Analysis,
-    AnalysisSettings,
-    AnalysisState,
-    FailureMode,
-    Mode,
-    Page,
-    Proof,
-)
+from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState, FailureMode, Mode
+from eigenfail.values.proof import Proof
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
 from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import ModeName, ProofRequest, read_fields

@@ -16,28 +16,17 @@ from eigenfail.client.references import (
     locate_episode,
 )
 from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
-from eigenfail.values import (
-    FINAL_STATES,
-    Campaign,
-    CampaignCost,
-    CampaignSpec,
-    CampaignState,
-    Comparison,
-    Course,
-    MinimalFailure,
-    Page,
-    Priority,
-    Region,
-    Safety,
-    Summary,
-)
-from eigenfail.values.campaign_spec import PriorityChange
-from eigenfail.values.comparison import PeerCosts
+from eigenfail.values.analysis import MinimalFailure
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, Priority, PriorityChange
+from eigenfail.values.comparison import Comparison, PeerCosts, Region
 from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
-from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.values.safety import TAIL_LEVEL, Safety
 from eigenfail.values.seeds import SeedSpread
+from eigenfail.values.summary import CampaignCost, Course, Summary
 from eigenfail.wire import http
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}

@@ -25,8 +25,9 @@ from eigenfail.client.suites import Suites
 from eigenfail.client.triage import TriageRecords
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail.values import Event, Page, access
-from eigenfail.values.operations import Presence, Staffing, WorkerShare
+from eigenfail.values import access
+from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
 from eigenfail.wire import http
 from eigenfail.wire.http import PluginInfo, read_fields

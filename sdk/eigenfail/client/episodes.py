@@ -21,11 +21,13 @@ from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.files import write_whole
 from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import list_named_columns
-from eigenfail.values import Campaign, Explanation, Outcome, Page
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.episode import Outcome
 from eigenfail.values.export import Export, ExportFormat, ExportRequest, ExportState
 from eigenfail.values.failures import FailureRequest, parse_failure_sort
 from eigenfail.values.operations import Presence
-from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.proof import Explanation
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import ReplayRequest, read_fields
 

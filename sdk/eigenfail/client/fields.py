@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import DisturbanceModel, Priority, StopRules
+from eigenfail.values.campaign_spec import Priority, StopRules
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import AnyRequirement
 
 Plain = Mapping[str, Any]

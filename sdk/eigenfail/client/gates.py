@@ -3,7 +3,7 @@
 from eigenfail.client.link import Link
 from eigenfail.gate.report import GateReport
 from eigenfail.gate.results import GateResult, GateSummary, shorten_report
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
 
 

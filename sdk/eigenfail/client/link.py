@@ -28,7 +28,8 @@ from eigenfail.errors import (
 )
 from eigenfail.filters import SortOrder
 from eigenfail.frames import list_struct_columns
-from eigenfail.values import Campaign, Page
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Columns, Rows
 from eigenfail.wire import http
 from eigenfail.wire.http import UNTYPED, Problem, make_error

@@ -7,10 +7,14 @@ from types import MappingProxyType
 from typing import Any, SupportsIndex
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Analysis, Campaign, EpisodeResult, Event, FailureMode, Mode, Summary
 from eigenfail.values.access import ApiKey, NewKey
+from eigenfail.values.analysis import Analysis, FailureMode, Mode
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.operations import Event
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.suite import SuiteRow, SuiteStanding
+from eigenfail.values.summary import Summary
 
 CampaignLike = SupportsIndex | Campaign | Summary | SuiteRow | EpisodeRow | EpisodeDetail
 """A campaign: its id, or an object that is the campaign or belongs to it."""

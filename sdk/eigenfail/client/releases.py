@@ -2,7 +2,7 @@
 
 from eigenfail.client.link import Link
 from eigenfail.client.references import CampaignLike, find_campaign_id
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 
 

@@ -10,10 +10,13 @@ from eigenfail.client.link import Link, wait_until
 from eigenfail.client.references import SuiteLike, find_suite_name
 from eigenfail.errors import IllegalTransition
 from eigenfail.suites import Suite, list_ready_members, make_member_key, match_campaigns
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of
+from eigenfail.values.summary import Summary
 
 PAUSE_WITHIN_S = 60.0
 

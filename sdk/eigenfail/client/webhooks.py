@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from eigenfail.client.link import Link
-from eigenfail.values import Page, webhooks
+from eigenfail.values import webhooks
+from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import read_fields
 

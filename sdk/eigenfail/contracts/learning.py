@@ -7,7 +7,9 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
-from eigenfail.values import EpisodeResult, Estimate, LearnerContext, Proposal, RoundSizes
+from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 
 
 class Learner(Protocol):

@@ -12,7 +12,9 @@ import msgspec
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
-from eigenfail.values import Mission, NoiseTrajectory, Outcome, Scene
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Mission, Scene
 from eigenfail.values.showing import Brief
 
 ANIMATION = "gif"

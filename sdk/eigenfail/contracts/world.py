@@ -5,20 +5,11 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
-from eigenfail.values import (
-    Channel,
-    Control,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    ExplainedEpisode,
-    Mission,
-    Observation,
-    Path,
-    Perception,
-    Policy,
-    VehicleState,
-)
+from eigenfail.values.channels import Channel
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.learning import Policy
+from eigenfail.values.proof import ExplainedEpisode, Path
+from eigenfail.values.scene import Control, Mission, Observation, Perception, VehicleState
 
 
 class Planner(Protocol):

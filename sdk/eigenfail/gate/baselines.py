@@ -6,8 +6,8 @@ from msgspec.structs import asdict, replace
 
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.suites import Suite, SuiteMember, resolve_references
-from eigenfail.values import Campaign, CampaignSpec, CampaignState
-from eigenfail.values.campaign_spec import SPEC_FIELDS
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import SPEC_FIELDS, CampaignSpec
 
 MAY_DIFFER = frozenset(
     {

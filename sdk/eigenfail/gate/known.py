@@ -11,15 +11,10 @@ from msgspec.structs import replace
 from eigenfail.gate import reruns
 from eigenfail.gate.verdicts import GateVerdict, judge_outcome
 from eigenfail.suites import SuiteMember
-from eigenfail.values import (
-    Analysis,
-    AnalysisResult,
-    Campaign,
-    CampaignSpec,
-    FailureMode,
-    Outcome,
-    StopRules,
-)
+from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import EpisodeRow
 
 REPLAY = "replay"

@@ -25,7 +25,9 @@ from eigenfail.intervals import difference, mcnemar, wilson
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import list_doubtful
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values import Campaign, Comparison, Difference, McNemar, PairTotals, Rate
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.comparison import Comparison, Difference, McNemar, PairTotals
+from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeRow
 
 LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000

@@ -8,15 +8,10 @@ import msgspec
 
 from eigenfail.intervals import ERROR
 from eigenfail.presentation.figures import format_signed, format_signed_interval
-from eigenfail.values import (
-    Campaign,
-    Comparison,
-    Counts,
-    Difference,
-    Estimate,
-    McNemar,
-    Outcome,
-)
+from eigenfail.values.campaign import Campaign, Counts
+from eigenfail.values.comparison import Comparison, Difference, McNemar
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Estimate
 
 INFRASTRUCTURE = "infrastructure"
 

@@ -6,20 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenfail.presentation import figures, tables
-from eigenfail.values import (
-    AXES,
-    Analysis,
-    AnalysisResult,
-    FailureMode,
-    Floats,
-    InfluenceShare,
-    Moment,
-    Proof,
-    ReplayedNoise,
-    Reproduction,
-)
-from eigenfail.values.disturbance import number_channels
+from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode, InfluenceShare, Moment
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES, number_channels
 from eigenfail.values.estimates import ChainMixing
+from eigenfail.values.proof import Proof, ReplayedNoise, Reproduction
 
 NO_FAILURE = (
     "the centre of its failures is no failure. Quote its medoid, a failure that happened, or "

@@ -17,24 +17,13 @@ from eigenfail.presentation.figures import (
     format_share,
 )
 from eigenfail.presentation.rates import name_rates
-from eigenfail.values import (
-    Campaign,
-    CampaignCost,
-    CampaignSpec,
-    Comparison,
-    Conflicts,
-    CostPoint,
-    Course,
-    Estimate,
-    Figure,
-    Rate,
-    Region,
-    Safety,
-    Side,
-    Summary,
-    Violations,
-)
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.comparison import Comparison, Region, Side
+from eigenfail.values.estimates import Estimate, Rate
 from eigenfail.values.operations import WorkerShare
+from eigenfail.values.safety import Figure, Safety, Violations
+from eigenfail.values.summary import CampaignCost, Conflicts, CostPoint, Course, Summary
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of

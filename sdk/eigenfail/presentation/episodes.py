@@ -5,18 +5,12 @@ from typing import Any
 
 from eigenfail.filters import Value, find_column
 from eigenfail.presentation import figures, tables
-from eigenfail.values import (
-    MEASURES,
-    Assessment,
-    ExplainedStep,
-    Explanation,
-    Measure,
-    Measures,
-    MinimalFailure,
-)
+from eigenfail.values.analysis import MinimalFailure
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import ChannelLikelihood
-from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
+from eigenfail.values.measures import MEASURES, Measure, Measures
+from eigenfail.values.proof import ExplainedStep, Explanation
+from eigenfail.values.records import LEAD_TIMES, Assessment, EpisodeDetail, EpisodeRow
 from eigenfail.worlds import world_of
 
 LIKELIER = (

@@ -16,22 +16,16 @@ from eigenfail.presentation.episodes import list_result_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
-from eigenfail.values import (
-    Analysis,
-    Campaign,
-    CampaignCost,
-    Comparison,
-    Course,
-    FailureMode,
-    Mode,
-    Proof,
-    Safety,
-    Summary,
-)
+from eigenfail.values.analysis import Analysis, FailureMode, Mode
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.proof import Proof
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.rows import SHOWN, Rows
+from eigenfail.values.safety import Safety
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.summary import CampaignCost, Course, Summary
 
 Blocks = tuple[Block, ...]
 

@@ -14,21 +14,15 @@ from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.frames import result_of
 from eigenfail.presentation.analyses import pick_channels
 from eigenfail.presentation.figures import count_noun
-from eigenfail.values import (
-    Analysis,
-    AnalysisResult,
-    Campaign,
-    CampaignCost,
-    Comparison,
-    Course,
-    FailureMode,
-    NoiseTrajectory,
-    Rate,
-    Safety,
-)
+from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import number_channels
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.disturbance import NoiseTrajectory, number_channels
+from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeDetail
+from eigenfail.values.safety import Safety
+from eigenfail.values.summary import CampaignCost, Course
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

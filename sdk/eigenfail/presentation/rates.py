@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 
 from eigenfail.presentation import figures
-from eigenfail.values import Rate, RateDesign
+from eigenfail.values.estimates import Rate, RateDesign
 
 NO_ESTIMATE = (
     "With the stop rule `failures` no estimate without bias is of use at this end (it would be 0, "

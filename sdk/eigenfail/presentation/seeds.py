@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from eigenfail.presentation import figures, tables
 from eigenfail.presentation.rates import FAILED_SHARE
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread
 
 OVER_SEEDS = "Over seeds"

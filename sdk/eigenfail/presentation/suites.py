@@ -19,10 +19,10 @@ from eigenfail.presentation.campaigns import (
 from eigenfail.presentation.figures import UNKNOWN, count_noun, format_count
 from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
 from eigenfail.suites import SuiteMember, format_value
-from eigenfail.values import CampaignState, Summary
-from eigenfail.values.campaign import state_word
+from eigenfail.values.campaign import CampaignState, state_word
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
+from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
 
 DEFAULT = "default"

@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 from eigenfail.presentation import figures
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.rates import BASES, count_trials
-from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
+from eigenfail.values.estimates import Cost, Estimate, Rate
+from eigenfail.values.safety import Figure
+from eigenfail.values.summary import MeanTime
 
 NO_FAILURE = "no failure"
 OWN_EPISODES = "of the episodes that the method chose"

@@ -4,19 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from eigenfail.values import (
-    STATE,
-    AnalysisResult,
-    CampaignSpec,
-    EpisodeFault,
-    EpisodeResult,
-    FailureMode,
-    Floats,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Scene,
-)
+from eigenfail.values.analysis import AnalysisResult, FailureMode
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
+from eigenfail.values.learning import STATE
+from eigenfail.values.measures import Measures
+from eigenfail.values.scene import Scene
 
 CRASH = Measures(
     robustness_m=0.0,

@@ -16,27 +16,29 @@ from eigenfail.contracts import EpisodeEngine, Learner, Method
 from eigenfail.errors import ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect, expect_error
-from eigenfail.values import (
+from eigenfail.values.arrays import Floats, encode_array
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
-    Floats,
-    Layer,
-    LearnerContext,
-    Measures,
-    NoiseTrajectory,
     Outcome,
-    Policy,
     PolicySource,
     PriorSource,
-    Proposal,
     TrajectorySource,
     episode_seed,
     learner_seed,
     unrunnable,
 )
-from eigenfail.values.arrays import encode_array
-from eigenfail.values.learning import SCENE_STATE, count_state
+from eigenfail.values.learning import (
+    SCENE_STATE,
+    Layer,
+    LearnerContext,
+    Policy,
+    Proposal,
+    count_state,
+)
+from eigenfail.values.measures import Measures
 
 
 class Corridor(msgspec.Struct, frozen=True):

@@ -15,7 +15,7 @@ import msgspec
 from eigenfail.contracts import Planner
 from eigenfail.process_state import ProcessState
 from eigenfail.testing import expect
-from eigenfail.values import Control, Mission, Perception, VehicleState
+from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 from eigenfail.values.signals import is_signal_value, read_signal_names
 
 MakePlanner = Callable[[], Planner]

@@ -14,7 +14,7 @@ import msgspec
 from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 
 AnySituation = Situation | ReactiveSituation
 

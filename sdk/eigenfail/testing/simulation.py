@@ -17,7 +17,7 @@ from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import EpisodeError, PlannerError
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.scenario import are_apart
-from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
+from eigenfail.values.scene import Control, Mission, Observation, Perception, VehicleState
 from eigenfail.values.shapes import Pair, Row
 
 OpenSimulation = Callable[[Planner], Simulation]

@@ -13,17 +13,11 @@ import msgspec
 
 from eigenfail.bridges import BridgeOffer
 from eigenfail.errors import ProtocolError
-from eigenfail.values import (
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Estimate,
-    LearnerContext,
-    Policy,
-    Round,
-    StopRules,
-)
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Policy, Round
 from eigenfail.values.operations import Name, Versions
 
 PROTOCOL = 8

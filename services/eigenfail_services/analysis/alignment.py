@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import AXES, AnalysisSettings, Floats, InfluenceShare, Moment
-from eigenfail.values.analysis import JOINT
+from eigenfail.values.analysis import JOINT, AnalysisSettings, InfluenceShare, Moment
+from eigenfail.values.arrays import Floats
 from eigenfail.values.channels import EVERY, VEHICLE, split_name
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.footprints import Contact
 

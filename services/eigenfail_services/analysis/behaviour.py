@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import AnalysisSettings, Behaviour, Floats, ModeBehaviour
-from eigenfail.values.analysis import Grouping
+from eigenfail.values.analysis import AnalysisSettings, Behaviour, Grouping, ModeBehaviour
+from eigenfail.values.arrays import Floats
 from eigenfail.values.records import FailureCourse
 from eigenfail_services.analysis.alignment import ALIGNMENTS, BLOCK, Aligned, Motion
 from eigenfail_services.analysis.footprints import Contact, find_contact

@@ -7,12 +7,33 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from eigenfail import values
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
+from eigenfail.values.campaign import Campaign, Counts
+from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.safety import TAIL_LEVEL, RequirementFigures, Scatter
-from eigenfail.values.summary import MOST_BLOCKS
+from eigenfail.values.safety import (
+    TAIL_LEVEL,
+    Figure,
+    MeasureTotals,
+    RequirementFigures,
+    Safety,
+    SafetyTotals,
+    Scatter,
+    SeverityRisk,
+    Violations,
+)
+from eigenfail.values.summary import (
+    MOST_BLOCKS,
+    BlockTotals,
+    Conflicts,
+    CostPoint,
+    Course,
+    CourseBlock,
+    SpendingTotals,
+    TimeSplit,
+    Unresolved,
+)
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.statistics.comparison import rank_correlation
@@ -23,9 +44,7 @@ FEWEST_BLOCKS = 10
 MOST_BLOCKS_SHOWN = 50
 
 
-def make_course(
-    campaign: values.Campaign, per: int, totals: Sequence[values.BlockTotals]
-) -> values.Course:
+def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
     """Return the course of failures, their likelihood and robustness.
 
     Args:
@@ -34,7 +53,7 @@ def make_course(
         totals: totals of the blocks that have a completed episode.
     """
     learns = traits_of(campaign.spec.method).learns
-    return values.Course(
+    return Course(
         campaign=campaign.id,
         method=campaign.spec.method,
         heading="Learning curve" if learns else "Failures over episodes",
@@ -43,12 +62,10 @@ def make_course(
     )
 
 
-def _make_block(
-    totals: values.BlockTotals, per: int, campaign: values.Campaign
-) -> values.CourseBlock:
+def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBlock:
     """Return a block; the last of a campaign may be shorter."""
     steps = totals.steps
-    return values.CourseBlock(
+    return CourseBlock(
         first=totals.first,
         last=min(totals.first + per, campaign.counts.planned) - 1,
         failure_rate=SamplingDesign.of([campaign.spec]).make_rate(
@@ -60,7 +77,7 @@ def _make_block(
     )
 
 
-def choose_block_length(counts: values.Counts, wanted: int | None = None) -> int:
+def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
     """Return the number of indices of a block: 100, at most a tenth and at least a fiftieth of all.
 
     It depends on the budget, not on how many episodes have ended: blocks change only if a campaign
@@ -82,9 +99,7 @@ def choose_block_length(counts: values.Counts, wanted: int | None = None) -> int
 SECONDS_PER_HOUR = 3600.0
 
 
-def price_failures(
-    total_usd: float, instance_hours: float, failures: values.Rate | None
-) -> values.Cost:
+def price_failures(total_usd: float, instance_hours: float, failures: Rate | None) -> Cost:
     """Return what failures cost: the total ÷ their number, with the rate's interval.
 
     The quotient is without bias where a number of failures ended the campaign, as the mean number
@@ -98,17 +113,15 @@ def price_failures(
         failures: collisions among the completed episodes; None before the first one.
     """
     if failures is None:
-        return values.Cost(total_usd, instance_hours, None, None, None)
+        return Cost(total_usd, instance_hours, None, None, None)
     per_failure_usd = total_usd / failures.k if failures.k else None
     if failures.interval is None:
-        return values.Cost(total_usd, instance_hours, per_failure_usd, None, None)
+        return Cost(total_usd, instance_hours, per_failure_usd, None, None)
     at_least_usd = total_usd / (failures.trials * failures.interval.high)
     if per_failure_usd is None:
-        return values.Cost(total_usd, instance_hours, None, None, at_least_usd)
-    interval_usd = values.Interval(
-        at_least_usd, total_usd / (failures.trials * failures.interval.low)
-    )
-    return values.Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
+        return Cost(total_usd, instance_hours, None, None, at_least_usd)
+    interval_usd = Interval(at_least_usd, total_usd / (failures.trials * failures.interval.low))
+    return Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
 
 
 BY_CLOCK = (
@@ -138,17 +151,17 @@ class KnownModes(NamedTuple):
     words: str
 
 
-def sum_instance_hours(campaign: values.Campaign, active_s: float) -> float:
+def sum_instance_hours(campaign: Campaign, active_s: float) -> float:
     """Return the time of all instances while a campaign was active for `active_s`. [h]"""
     return campaign.spec.instances * active_s / SECONDS_PER_HOUR
 
 
-def bill_usd(campaign: values.Campaign, active_s: float) -> float:
+def bill_usd(campaign: Campaign, active_s: float) -> float:
     """Return price per instance-hour × instance-hours."""
     return campaign.spec.price_usd_per_hour * sum_instance_hours(campaign, active_s)
 
 
-def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> values.TimeSplit:
+def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
     """Return how the time that was billed was spent; the parts sum to it."""
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
@@ -160,7 +173,7 @@ def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> valu
     lost_s = busy_s * lost_share
     idle_s = campaign.active_s - busy_s
     learning_s = min(overhead.learning_s, idle_s)
-    return values.TimeSplit(
+    return TimeSplit(
         active_s=campaign.active_s,
         worker_s=worker_s,
         simulation_s=busy_s - lost_s,
@@ -173,8 +186,8 @@ def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> valu
 
 
 def make_cost_curve(
-    campaign: values.Campaign, totals: values.SpendingTotals, modes: KnownModes
-) -> Iterator[values.CostPoint]:
+    campaign: Campaign, totals: SpendingTotals, modes: KnownModes
+) -> Iterator[CostPoint]:
     """Yield the points of the cost curve, from nothing spent to the whole bill."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
@@ -188,11 +201,11 @@ def make_cost_curve(
 
 
 def _make_point(
-    campaign: values.Campaign, active_s: float, found: tuple[int, int], modes: int | None
-) -> values.CostPoint:
+    campaign: Campaign, active_s: float, found: tuple[int, int], modes: int | None
+) -> CostPoint:
     """Return the numbers of episodes and failures up to an active time."""
     completed, failures = found
-    return values.CostPoint(
+    return CostPoint(
         usd=bill_usd(campaign, active_s),
         active_s=active_s,
         completed=completed,
@@ -206,7 +219,7 @@ def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
     return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
 
 
-def _list_active_s(campaign: values.Campaign, at_ms: Sequence[int]) -> list[float]:
+def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
     """The active time at which each result was stored, of results in that order. [s]
 
     The clock went on while the campaign was paused. Where the gaps between results sum to more
@@ -219,7 +232,7 @@ def _list_active_s(campaign: values.Campaign, at_ms: Sequence[int]) -> list[floa
     return [float(each) for each in until_s]
 
 
-def has_unbilled_time(campaign: values.Campaign, at_ms: Sequence[int]) -> bool:
+def has_unbilled_time(campaign: Campaign, at_ms: Sequence[int]) -> bool:
     """Whether more time passed until the last result than was billed."""
     if not at_ms or campaign.started_ms is None:
         return False
@@ -247,12 +260,12 @@ NO_TRAFFIC = "Near misses, MinTTC, DRAC and conflict classes are not measured fo
 
 
 def make_safety(
-    campaign: values.Campaign,
-    totals: values.SafetyTotals,
-    conflicts: values.Conflicts,
-    unresolved: values.Unresolved,
+    campaign: Campaign,
+    totals: SafetyTotals,
+    conflicts: Conflicts,
+    unresolved: Unresolved,
     level: float = TAIL_LEVEL,
-) -> values.Safety:
+) -> Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
 
     Of a function only the failures are counted: it has no traffic that could be measured.
@@ -284,7 +297,7 @@ def make_safety(
     if totals.failures and not len(totals.severities):
         severity = replace(severity, problem=NO_SEVERITY if has_road else NO_SEVERITY_OF_FUNCTION)
     measured = totals.completed if has_road else 0
-    return values.Safety(
+    return Safety(
         campaign=campaign.id,
         name=campaign.spec.name,
         method=method,
@@ -308,9 +321,7 @@ def make_safety(
     )
 
 
-def _list_requirements(
-    campaign: values.Campaign, totals: values.SafetyTotals
-) -> Iterator[RequirementFigures]:
+def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[RequirementFigures]:
     """Yield the figures of each requirement that the campaign names."""
     design, errored = SamplingDesign.of([campaign.spec]), campaign.counts.errored
     named = campaign.spec.named_requirements
@@ -326,7 +337,7 @@ def _list_requirements(
         )
 
 
-def _drop_intervals(risk: values.SeverityRisk) -> values.SeverityRisk:
+def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:
     """Return the severity of failures that a search chose: they are no random sample.
 
     What is missing for an interval is then no problem; what is missing for a number still is.
@@ -336,13 +347,13 @@ def _drop_intervals(risk: values.SeverityRisk) -> values.SeverityRisk:
     return replace(risk, mean=mean, var=var, cvar=cvar, problem=problem)
 
 
-def _drop_interval(figure: values.Figure | None) -> values.Figure | None:
-    return values.Figure(figure.value) if figure else None
+def _drop_interval(figure: Figure | None) -> Figure | None:
+    return Figure(figure.value) if figure else None
 
 
 def _make_share(
     design: SamplingDesign, k: int, n: int, errored: int, unresolved: int = 0
-) -> values.Rate | None:
+) -> Rate | None:
     if not n:
         return None
     # Totals and counts may have been read a few results apart.
@@ -352,13 +363,13 @@ def _make_share(
 
 def _count_violations(
     design: SamplingDesign,
-    totals: values.MeasureTotals,
+    totals: MeasureTotals,
     threshold: float,
     completed: int,
     errored: int,
-) -> values.Violations:
+) -> Violations:
     """Return the figures of a measure against its threshold."""
-    return values.Violations(
+    return Violations(
         threshold=threshold,
         beyond=_make_share(design, totals.violations, completed, errored),
         n=totals.n,
@@ -368,10 +379,10 @@ def _count_violations(
 
 
 def _list_notes(
-    campaign: values.Campaign,
-    totals: values.SafetyTotals,
-    unresolved: values.Unresolved,
-    conflicts: values.Conflicts,
+    campaign: Campaign,
+    totals: SafetyTotals,
+    unresolved: Unresolved,
+    conflicts: Conflicts,
 ) -> Iterator[str]:
     """Yield the remarks on what the numbers leave out."""
     if words := unresolved.words(totals.completed):

@@ -17,7 +17,9 @@ from sklearn.metrics import adjusted_rand_score, pairwise_distances, silhouette_
 from sklearn.mixture import GaussianMixture
 from sklearn.neighbors import KNeighborsClassifier
 
-from eigenfail.values import AnalysisSettings, Floats, Interval, Stability
+from eigenfail.values.analysis import AnalysisSettings, Stability
+from eigenfail.values.arrays import Floats
+from eigenfail.values.estimates import Interval
 from eigenfail_services.analysis.components import fit_components
 
 Scores = NDArray[np.float64]

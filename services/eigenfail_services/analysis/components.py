@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 
-from eigenfail.values import FailureMode, Floats
-from eigenfail.values.analysis import Centre
+from eigenfail.values.analysis import Centre, FailureMode
+from eigenfail.values.arrays import Floats
 from eigenfail_services.analysis.alignment import BLOCK, Aligned
 
 Array = NDArray[np.float64]

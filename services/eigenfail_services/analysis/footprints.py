@@ -5,7 +5,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats, Scene
+from eigenfail.values.arrays import Floats
+from eigenfail.values.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,9 @@ from msgspec.structs import replace
 from sklearn import config_context
 from threadpoolctl import threadpool_limits
 
-from eigenfail.values import AXES, AnalysisResult, AnalysisSettings, InfluenceShare
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, InfluenceShare
 from eigenfail.values.arrays import encode_array
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import alignment, clusters
 from eigenfail_services.analysis.behaviour import GroupingFeatures, select_features

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 from eigenfail_services.analysis import behaviour
 
 Points = NDArray[np.float64]

@@ -8,7 +8,9 @@ from msgspec.structs import replace
 from eigenfail.errors import EigenfailError
 from eigenfail.intervals import bound_both_sides
 from eigenfail.methods import describe_method, traits_of
-from eigenfail.values import Campaign, CampaignSpec, Interval, Rate, RateDesign
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Interval, Rate, RateDesign
 from eigenfail_services.statistics.intervals import bound_sequence, clopper_pearson, rate
 from eigenfail_services.statistics.stopped_trials import StoppedTrials
 

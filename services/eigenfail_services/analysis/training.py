@@ -10,8 +10,13 @@ from math import exp, log
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import AnalysisResult, Diversity, TrainingInterval
-from eigenfail.values.analysis import COLLAPSED_SHARE, NARROW_SPREAD
+from eigenfail.values.analysis import (
+    COLLAPSED_SHARE,
+    NARROW_SPREAD,
+    AnalysisResult,
+    Diversity,
+    TrainingInterval,
+)
 from eigenfail_services.analysis.alignment import Aligned
 from eigenfail_services.analysis.components import ComponentSpace, fit_components, iterate_blocks
 

@@ -14,19 +14,11 @@ import numpy as np
 
 from eigenfail.explanations import NOTHING, read_word
 from eigenfail.presentation.figures import count_noun
-from eigenfail.values import (
-    AXES,
-    ExplainedEpisode,
-    ExplainedStep,
-    Floats,
-    Markov,
-    NoiseShape,
-    NoiseTrajectory,
-    Once,
-    PerChannel,
-    White,
-)
+from eigenfail.values.arrays import Floats
 from eigenfail.values.channels import split_name
+from eigenfail.values.disturbance import AXES, NoiseTrajectory
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep
+from eigenfail.values.shapes import Markov, NoiseShape, Once, PerChannel, White
 
 TELLING = 0.5
 """Share of a channel's strongest noise above which a step is described, if noise is everywhere."""

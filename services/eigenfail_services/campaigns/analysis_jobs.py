@@ -13,11 +13,12 @@ from typing import Any, Literal, NamedTuple, Self
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import values
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error, read_text
 from eigenfail.methods import traits_of
 from eigenfail.processes import NUMERIC_ENVIRONMENT, as_parent, exit_status, kill_group
+from eigenfail.values.analysis import AnalysedCampaign, Analysis, AnalysisResult, AnalysisSettings
+from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Job
 from eigenfail.worlds import world_of
@@ -55,7 +56,7 @@ class AnalysisBasis(NamedTuple):
         has_road: whether an ego drives in them.
     """
 
-    campaigns: tuple[values.Campaign, ...]
+    campaigns: tuple[Campaign, ...]
     horizon: int
     duration_s: float | None
     step_s: float | None
@@ -77,20 +78,20 @@ class AnalysisBasis(NamedTuple):
         now = ((each, store.campaigns.get(each.id).counts) for each in self.campaigns)
         return self._replace(campaigns=tuple(replace(each, counts=c) for each, c in now))
 
-    def sources(self, rows: Sequence[int]) -> tuple[values.AnalysedCampaign, ...]:
+    def sources(self, rows: Sequence[int]) -> tuple[AnalysedCampaign, ...]:
         """Return the analysed campaigns, each with the number of its failures among the rows."""
         return tuple(
-            values.AnalysedCampaign(
+            AnalysedCampaign(
                 campaign=each.id,
                 episodes=self.ended[each.id],
                 failures=rows.count(each.id),
-                running=each.state not in values.FINAL_STATES,
+                running=each.state not in FINAL_STATES,
             )
             for each in self.campaigns
         )
 
 
-def find_basis(store: Store, campaign: int, settings: values.AnalysisSettings) -> AnalysisBasis:
+def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> AnalysisBasis:
     """Return the basis of an analysis of a campaign and of those that its settings name.
 
     Raises:
@@ -121,7 +122,7 @@ def find_basis(store: Store, campaign: int, settings: values.AnalysisSettings) -
     return AnalysisBasis(campaigns, steps, duration_s, step_s, channels, world.has_road)
 
 
-def _find_further(store: Store, campaign: int) -> values.Campaign:
+def _find_further(store: Store, campaign: int) -> Campaign:
     """Return a campaign that the settings of an analysis name.
 
     Raises:
@@ -158,7 +159,7 @@ def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
         for name in WORLD_FIELDS
         if any(read_world_field(first, name) != read_world_field(each, name) for each in others)
     ]
-    running = sorted(each.id for each in found.campaigns if each.state not in values.FINAL_STATES)
+    running = sorted(each.id for each in found.campaigns if each.state not in FINAL_STATES)
     still = ", ".join(map(str, running))
     words = {
         f"The campaigns differ in {', '.join(differing)}: a mode may be of one of them.": differing,
@@ -299,7 +300,7 @@ def run_analysis(store: Store, analysis_id: int) -> None:
         raise
 
 
-def _gives_proposals_up(campaign: values.Campaign) -> bool:
+def _gives_proposals_up(campaign: Campaign) -> bool:
     """Return whether early failures of a campaign come from proposals that its method has given up.
 
     Where the method estimates the probability of each mode, every failure needs its mode.
@@ -308,15 +309,13 @@ def _gives_proposals_up(campaign: values.Campaign) -> bool:
     return traits.learns and traits.mode_probability is ModeProbability.UNKNOWN
 
 
-def leaves_early_out(
-    settings: values.AnalysisSettings, campaigns: Sequence[values.Campaign]
-) -> bool:
+def leaves_early_out(settings: AnalysisSettings, campaigns: Sequence[Campaign]) -> bool:
     """Return whether an analysis leaves early failures of one of the campaigns out."""
     early = any(map(_gives_proposals_up, campaigns)) or bool(find_first_samples(campaigns))
     return settings.failures == "latest" and early
 
 
-def find_first_samples(campaigns: Sequence[values.Campaign]) -> dict[int, int]:
+def find_first_samples(campaigns: Sequence[Campaign]) -> dict[int, int]:
     """Return the index of the first episode whose failure is a sample, by id of a campaign.
 
     Campaigns whose method has no burn-in are left out.
@@ -333,9 +332,7 @@ def _find_first_sample(spec: CampaignSpec) -> int:
     return find_first_sample(settings, spec.episodes)
 
 
-def _describe_samples(
-    first_samples: Mapping[int, int], result: values.AnalysisResult
-) -> Iterator[str]:
+def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) -> Iterator[str]:
     """Yield a remark on each campaign with a burn-in: which failures were taken."""
     taken = list(zip(result.campaigns, result.episodes, strict=True))
     for campaign, first in first_samples.items():
@@ -355,7 +352,7 @@ GROUPED_BY = {"energy": "the energy of their noise in windows of 0.5 s", "noise"
 
 
 def _describe_grouping(
-    base: AnalysisBasis, settings: values.AnalysisSettings, result: values.AnalysisResult
+    base: AnalysisBasis, settings: AnalysisSettings, result: AnalysisResult
 ) -> Iterator[str]:
     """Yield that failures on a road were not grouped by behaviour, as was asked for."""
     if settings.features != result.features and base.has_road:
@@ -365,9 +362,7 @@ def _describe_grouping(
         )
 
 
-def _describe_given_number(
-    settings: values.AnalysisSettings, result: values.AnalysisResult
-) -> Iterator[str]:
+def _describe_given_number(settings: AnalysisSettings, result: AnalysisResult) -> Iterator[str]:
     """Yield that the number of distinct modes was given, not found."""
     if settings.clusters is not None and result.distinct:
         yield (
@@ -383,7 +378,7 @@ GROUPS = (
 
 
 def _describe_learning(
-    gathered: Sequence[int], learning: Collection[int], result: values.AnalysisResult
+    gathered: Sequence[int], learning: Collection[int], result: AnalysisResult
 ) -> Iterator[str]:
     """Yield a remark on each campaign that learnt: which failures were taken, what modes are.
 
@@ -404,7 +399,7 @@ def _describe_learning(
 
 
 def _describe_whole_courses(
-    campaigns: Sequence[values.Campaign], learning: Collection[int], result: values.AnalysisResult
+    campaigns: Sequence[Campaign], learning: Collection[int], result: AnalysisResult
 ) -> Iterator[str]:
     """Yield a remark on each campaign that learnt and whose failures are analysed in any case."""
     for campaign in campaigns:
@@ -416,7 +411,7 @@ def _describe_whole_courses(
             )
 
 
-def find_modes(store: Store, analysis: values.Analysis) -> values.AnalysisResult:
+def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     """Return the failure modes among the failures that are stored by now.
 
     Raises:

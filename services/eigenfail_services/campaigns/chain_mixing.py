@@ -2,7 +2,7 @@
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict
-from eigenfail.values import Campaign
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.estimates import ChainMixing
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods import Mixing

@@ -5,9 +5,11 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from typing import Any, NamedTuple
 
-from eigenfail import values
-from eigenfail.values.analysis import FEWEST_OF_MODE
+from eigenfail.values.analysis import FEWEST_OF_MODE, Analysis, AnalysisResult, AnalysisState
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.operations import WorkerShare
+from eigenfail.values.safety import Safety
+from eigenfail.values.summary import CampaignCost, SpendingTotals
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.campaigns import summary
 from eigenfail_services.store import Store
@@ -16,13 +18,13 @@ MAX_ANALYSES_SEARCHED = 100
 """Newest analyses among which a finished one is searched for."""
 
 
-def find_spending(store: Store, campaign: values.Campaign) -> values.CampaignCost:
+def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
     """Return the cost of a campaign, of its failures and modes, and the use of its time, so far."""
     spec, totals = campaign.spec, store.episodes.spending(campaign.id)
     rate = summary.find_failure_rate(campaign, summary.count_doubtful(store, campaign))
     modes, cost = _find_known_modes(store, campaign), summary.find_cost(campaign, rate)
     count = None if modes.found_ms is None else len(modes.found_ms)
-    return values.CampaignCost(
+    return CampaignCost(
         campaign=campaign.id,
         name=spec.name,
         method=spec.method,
@@ -41,14 +43,14 @@ def find_spending(store: Store, campaign: values.Campaign) -> values.CampaignCos
     )
 
 
-def _list_approximations(campaign: values.Campaign, totals: values.SpendingTotals) -> Iterator[str]:
+def _list_approximations(campaign: Campaign, totals: SpendingTotals) -> Iterator[str]:
     if totals.progress:
         yield campaign_figures.BY_CLOCK
     if campaign_figures.has_unbilled_time(campaign, [each.at_ms for each in totals.progress]):
         yield campaign_figures.PAUSED
 
 
-def _find_known_modes(store: Store, campaign: values.Campaign) -> campaign_figures.KnownModes:
+def _find_known_modes(store: Store, campaign: Campaign) -> campaign_figures.KnownModes:
     """Return the distinct modes that the newest finished analysis found among the failures."""
     found = find_newest(store, campaign)
     if found is None or found.result is None:
@@ -70,15 +72,15 @@ def _find_known_modes(store: Store, campaign: values.Campaign) -> campaign_figur
     )
 
 
-def find_newest(store: Store, campaign: values.Campaign) -> values.Analysis | None:
+def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
     """Return the newest finished analysis of a campaign; None before there is one."""
     page = store.analyses.page(MAX_ANALYSES_SEARCHED, campaign=campaign.id)
-    done = (each.id for each in page.items if each.state is values.AnalysisState.DONE)
+    done = (each.id for each in page.items if each.state is AnalysisState.DONE)
     number = next(done, None)
     return None if number is None else store.analyses.get(number)
 
 
-def _find_first_failures(result: values.AnalysisResult, campaign: int) -> list[int]:
+def _find_first_failures(result: AnalysisResult, campaign: int) -> list[int]:
     """Return the lowest index among the campaign's failures of each mode.
 
     A mode with too few failures to show one is not counted, as in the verdict of the analysis.
@@ -99,18 +101,18 @@ POOL = ThreadPoolExecutor(AT_A_TIME, thread_name_prefix="figures")
 class CampaignFigures(NamedTuple):
     """Safety, cost and workers of a campaign."""
 
-    safety: values.Safety
-    cost: values.CampaignCost
+    safety: Safety
+    cost: CampaignCost
     workers: tuple[WorkerShare, ...]
 
 
-def find_figures(store: Store, campaign: values.Campaign) -> CampaignFigures:
+def find_figures(store: Store, campaign: Campaign) -> CampaignFigures:
     """Return the figures of a campaign; the store's sums are computed side by side."""
     wait_for_figures(prefetch_figures(store, campaign))
     return read_figures(store, campaign)
 
 
-def read_figures(store: Store, campaign: values.Campaign) -> CampaignFigures:
+def read_figures(store: Store, campaign: Campaign) -> CampaignFigures:
     """Return the figures of a campaign whose sums the store has computed before."""
     return CampaignFigures(
         summary.find_safety(store, campaign),
@@ -119,7 +121,7 @@ def read_figures(store: Store, campaign: values.Campaign) -> CampaignFigures:
     )
 
 
-def prefetch_figures(store: Store, campaign: values.Campaign) -> Sequence[Future[Any]]:
+def prefetch_figures(store: Store, campaign: Campaign) -> Sequence[Future[Any]]:
     """Start computing the sums that `find_figures` needs; the store caches them."""
     asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
     # `as_of` sets a context variable, and a thread of the pool sees it only in a copy of the

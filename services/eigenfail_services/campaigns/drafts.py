@@ -10,8 +10,8 @@ import msgspec
 from eigenfail.contracts import Reference
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
 from eigenfail.methods import describe_method, traits_of
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
-from eigenfail.values.campaign_spec import MAX_EPISODES
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import MAX_EPISODES, CampaignSpec
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail_services.campaigns import resolution, validation
 from eigenfail_services.campaigns.references import check_has_knowledge

@@ -10,14 +10,25 @@ from threading import Lock, Thread
 
 import msgspec
 
-from eigenfail import plugins, values
+from eigenfail import plugins
 from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
 from eigenfail.frames import Record, list_noise
 from eigenfail.process_state import ProcessState
-from eigenfail.values.campaign_spec import LONGEST_NAME
+from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import LONGEST_NAME, StopRules
 from eigenfail.values.channels import name_columns
+from eigenfail.values.episode import (
+    EpisodeResult,
+    EpisodeSetup,
+    EpisodeTask,
+    Outcome,
+    TrajectorySource,
+)
+from eigenfail.values.proof import ExplainedEpisode, Explanation
+from eigenfail.values.scene import Scene
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.analysis.footprints import measure_clearances
 from eigenfail_services.analysis.words import Clock, describe, describe_account
@@ -27,7 +38,7 @@ from eigenfail_services.store import Store
 KEPT = 32
 
 
-Explain = Callable[[bytes], values.Explanation]
+Explain = Callable[[bytes], Explanation]
 
 
 class Explanations:
@@ -40,9 +51,9 @@ class Explanations:
     def __init__(self, explain: Explain = explain_in_process) -> None:
         self._explain = explain
         self._making = Lock()
-        self._made: OrderedDict[bytes, values.Explanation] = OrderedDict()
+        self._made: OrderedDict[bytes, Explanation] = OrderedDict()
 
-    def of(self, store: Store, campaign: int, index: int) -> values.Explanation:
+    def of(self, store: Store, campaign: int, index: int) -> Explanation:
         """Return the planner's account of an episode; the first time takes seconds.
 
         Raises:
@@ -70,7 +81,7 @@ CONTROLS = ("acceleration_mps2", "steering_rad", "perceived_x_m", "perceived_y_m
 STATE = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
-def write_steps(result: values.EpisodeResult, channels: tuple[str, ...]) -> str:
+def write_steps(result: EpisodeResult, channels: tuple[str, ...]) -> str:
     """Return one CSV row for each step: its noise and, if the scene was kept, all vehicles.
 
     Args:
@@ -95,20 +106,20 @@ def _name_noise_columns(channels: tuple[str, ...]) -> tuple[str, ...]:
     return ("step", *(name for names in by_quantity for name in names), "log_probability")
 
 
-def _list_noise_rows(result: values.EpisodeResult, channels: tuple[str, ...]) -> Iterator[Record]:
+def _list_noise_rows(result: EpisodeResult, channels: tuple[str, ...]) -> Iterator[Record]:
     likely = result.noise.log_probability_per_step
     for row, log_p in zip(list_noise(result.noise, channels), likely, strict=True):
         yield {**row, "log_probability": float(log_p)}
 
 
-def _list_columns(scene: values.Scene) -> Iterator[str]:
+def _list_columns(scene: Scene) -> Iterator[str]:
     yield from ("time_s", *CONTROLS)
     for number in range(len(scene.sizes)):
         who = "ego" if number == 0 else f"vehicle_{number}"
         yield from (f"{who}_{name}" for name in STATE)
 
 
-def _list_scene_rows(scene: values.Scene) -> Iterator[tuple[float, ...]]:
+def _list_scene_rows(scene: Scene) -> Iterator[tuple[float, ...]]:
     apart = measure_clearances(scene).min(axis=1)
     for step, (control, seen) in enumerate(zip(scene.controls, scene.perceived, strict=True)):
         states = scene.vehicles[step].ravel()
@@ -117,7 +128,7 @@ def _list_scene_rows(scene: values.Scene) -> Iterator[tuple[float, ...]]:
 
 def replay_episode(
     store: Store, campaign: int, index: int, scale: float, made_by: int | None = None
-) -> values.Campaign:
+) -> Campaign:
     """Queue a campaign of one episode, whose scene is kept, in the scenario that the stored drew.
 
     Args:
@@ -146,7 +157,7 @@ def replay_episode(
         method="replay",
         settings={"campaign": campaign, "episodes": [index], "scale": scale},
         episodes=1,
-        stop=values.StopRules(),
+        stop=StopRules(),
         scene_every=1,
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, stored.seed)},
     )
@@ -158,7 +169,7 @@ PATIENCE_S = 60.0
 
 
 def describe_modes(
-    store: Store, analysis: values.Analysis, result: values.AnalysisResult, step_s: float | None
+    store: Store, analysis: Analysis, result: AnalysisResult, step_s: float | None
 ) -> tuple[str, ...]:
     """Describe each mode in a few sentences, in the order of the modes.
 
@@ -179,7 +190,7 @@ def describe_modes(
 
 
 def _describe_mode(
-    store: Store, campaign: int, mode: values.FailureMode, step_s: float | None, until_s: float
+    store: Store, campaign: int, mode: FailureMode, step_s: float | None, until_s: float
 ) -> str:
     """Describe the eigenfailure of a mode, its medoid, and what the planner did in the medoid.
 
@@ -189,7 +200,7 @@ def _describe_mode(
     medoid = store.episodes.get(campaign, mode.medoid)
     shown = f"Its medoid is episode {campaign}/{mode.medoid}"
     spec = store.campaigns.get(campaign).spec
-    end = "impact" if medoid.outcome is values.Outcome.COLLISION else "end"
+    end = "impact" if medoid.outcome is Outcome.COLLISION else "end"
     clock = Clock(medoid.steps, step_s, f"its medoid's {end}")
     acted = clock._replace(event=f"the {end}")
     account = _describe_account(spec.setup(), medoid, acted, until_s)
@@ -200,7 +211,7 @@ def _describe_mode(
 
 
 def _describe_account(
-    setup: values.EpisodeSetup, medoid: values.EpisodeResult, clock: Clock, until_s: float
+    setup: EpisodeSetup, medoid: EpisodeResult, clock: Clock, until_s: float
 ) -> str:
     """Describe what the planner did in an episode; empty without an account in time.
 
@@ -233,15 +244,13 @@ def _describe_account(
     return accounts[0] if accounts else ""
 
 
-def _explain_episode(
-    setup: values.EpisodeSetup, stored: values.EpisodeResult
-) -> values.ExplainedEpisode | None:
+def _explain_episode(setup: EpisodeSetup, stored: EpisodeResult) -> ExplainedEpisode | None:
     """Run an episode again with the planner's account.
 
     None where workers are not installed, where there is no planner to be asked, and where it fails
     at the question.
     """
-    task = values.EpisodeTask(stored.index, stored.seed, values.TrajectorySource(stored.noise.z))
+    task = EpisodeTask(stored.index, stored.seed, TrajectorySource(stored.noise.z))
     try:
         explainer: Explainer = plugins.load(plugins.EXPLAINERS, "default")
         return explainer(setup, task)

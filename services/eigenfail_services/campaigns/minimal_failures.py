@@ -5,10 +5,13 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.errors import Conflict
 from eigenfail.presentation.analyses import choose_channel_words
-from eigenfail.values.campaign_spec import LONGEST_NAME
+from eigenfail.values.analysis import MinimalFailure
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import LONGEST_NAME, CampaignSpec, StopRules
+from eigenfail.values.episode import Outcome
 from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint
@@ -19,9 +22,7 @@ from eigenfail_services.store import Store
 METHOD = "minimal"
 
 
-def make_minimal_spec(
-    store: Store, campaign: int, index: int, episodes: int
-) -> values.CampaignSpec:
+def make_minimal_spec(store: Store, campaign: int, index: int, episodes: int) -> CampaignSpec:
     """Return the spec of a campaign that shrinks a failure, in the scenario that its episode drew.
 
     Raises:
@@ -34,12 +35,12 @@ def make_minimal_spec(
         method=METHOD,
         settings={"campaign": campaign, "episode": index},
         episodes=episodes,
-        stop=values.StopRules(),
+        stop=StopRules(),
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, failure.seed)},
     )
 
 
-def find_minimal_failure(store: Store, campaign: values.Campaign) -> values.MinimalFailure:
+def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
     """Return what a campaign of `minimal` has shrunk its failure to, so far.
 
     Raises:
@@ -53,11 +54,11 @@ def find_minimal_failure(store: Store, campaign: values.Campaign) -> values.Mini
     # The failure at full strength is the first replay that failed: weaker ones come after it.
     replays = store.episodes.finished(campaign.id, range(facts.best + 1))
     full = next(result for result in replays if result.is_failure)
-    end = "the impact" if found.outcome is values.Outcome.COLLISION else "the end"
+    end = "the impact" if found.outcome is Outcome.COLLISION else "the end"
     # The steps of a function have no duration.
     clock = Clock(found.steps, found.scene.dt_s if found.scene else None, end)
     channels = list_channels(campaign.spec)
-    return values.MinimalFailure(
+    return MinimalFailure(
         campaign=campaign.id,
         index=found.index,
         done=facts.phase is SearchPhase.OVER,
@@ -74,7 +75,7 @@ def find_minimal_failure(store: Store, campaign: values.Campaign) -> values.Mini
     )
 
 
-def read_knowledge(store: Store, campaign: values.Campaign) -> tuple[MinimalFacts, values.Floats]:
+def read_knowledge(store: Store, campaign: Campaign) -> tuple[MinimalFacts, Floats]:
     """Return the facts and the noise of the campaign's learner after its last whole round.
 
     Raises:
@@ -92,25 +93,21 @@ def read_knowledge(store: Store, campaign: values.Campaign) -> tuple[MinimalFact
     return read_state(read_checkpoint(checkpoint).learner)
 
 
-def _make_conflict(campaign: values.Campaign) -> Conflict:
+def _make_conflict(campaign: Campaign) -> Conflict:
     return Conflict(
         f"Campaign {campaign.id} is {campaign.state}, and no replay of it has failed. "
         f"{campaign.stopped_because}".strip(),
         "Wait for its first round."
-        if campaign.state not in values.FINAL_STATES
+        if campaign.state not in FINAL_STATES
         else "Shrink a failure in the scenario, and with the planner, of its own campaign.",
     )
 
 
 def _describe_progress(
-    facts: MinimalFacts, z: values.Floats, campaign: values.Campaign, channels: Sequence[str]
+    facts: MinimalFacts, z: Floats, campaign: Campaign, channels: Sequence[str]
 ) -> str:
     if facts.phase is not SearchPhase.OVER:
-        goes_on = (
-            "The search goes on"
-            if campaign.state not in values.FINAL_STATES
-            else "It was cut short"
-        )
+        goes_on = "The search goes on" if campaign.state not in FINAL_STATES else "It was cut short"
         return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
     if not z.any():
         return "It fails without any noise."

@@ -7,12 +7,16 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from eigenfail import plugins, values
+from eigenfail import plugins
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import NoisePruned
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import explain_design
 from eigenfail.settings import read_settings
+from eigenfail.values.analysis import AnalysisResult
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.estimates import Estimate, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.references import learner_context
@@ -34,12 +38,12 @@ UNDERWAY = (
     "Its campaign had not ended when the failures were read. Analyse it again once it has ended."
 )
 
-ModeEstimates = Sequence[values.Estimate | None]
+ModeEstimates = Sequence[Estimate | None]
 
 
 def add_probabilities(
-    store: Store, campaigns: Sequence[values.Campaign], result: values.AnalysisResult
-) -> values.AnalysisResult:
+    store: Store, campaigns: Sequence[Campaign], result: AnalysisResult
+) -> AnalysisResult:
     """Return the result with the probabilities of its modes.
 
     Modes that are not distinct have none, nor have modes of several campaigns: their episodes
@@ -61,11 +65,11 @@ def add_probabilities(
 
 
 def _estimate_modes(
-    teller: "ModeEstimator", store: Store, campaign: values.Campaign, result: values.AnalysisResult
+    teller: "ModeEstimator", store: Store, campaign: Campaign, result: AnalysisResult
 ) -> ModeEstimates:
     modes = len(result.modes)
-    if campaign.state not in values.FINAL_STATES:
-        return [values.Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
+    if campaign.state not in FINAL_STATES:
+        return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
     mode_of = dict(zip(result.episodes, result.labels, strict=True))
     # A rate by counting has errored episodes in its interval already.
     errored = 0 if teller.by == COUNTING else campaign.counts.errored
@@ -73,11 +77,11 @@ def _estimate_modes(
         found = teller.estimate(store, campaign, mode_of, modes)
         return [each and each.bound_below(errored) for each in found]
     except NoisePruned as error:
-        return [values.Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
+        return [Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
 
 
 def estimate_by_levels(
-    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     """Estimate each mode by the last level of a subset simulation."""
     settings = read_settings(subset.SubsetMethodSettings, campaign.spec.settings, "settings")
@@ -90,7 +94,7 @@ def _read_robustness_m(row: EpisodeRow) -> float:
     """Return the robustness; 0 of a failure, not a number where the episode errored. [m]"""
     if row.outcome.is_failure:
         return 0.0
-    ran = row.outcome is not values.Outcome.ERRORED and row.robustness_m is not None
+    ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan
 
 
@@ -103,7 +107,7 @@ def _list_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
 
 
 def estimate_by_weights(
-    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     """Estimate each mode by importance weights; the learner goes through all rounds again."""
     context = learner_context(campaign, store)
@@ -124,9 +128,7 @@ def estimate_by_weights(
     return [learner.estimate_from_sums(one, context.horizon) for one in sums]
 
 
-def _list_rounds(
-    store: Store, campaign: values.Campaign, learner: Any
-) -> Iterator[list[values.EpisodeResult]]:
+def _list_rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[list[EpisodeResult]]:
     """Return the completed rounds in order; the learner has to observe each before the next."""
     first, budget = 0, campaign.spec.episodes
     while first < budget:
@@ -140,11 +142,11 @@ def _list_rounds(
 
 
 def _keep_mode(
-    results: Sequence[values.EpisodeResult], mode_of: Mapping[int, int], mode: int
-) -> list[values.EpisodeResult]:
+    results: Sequence[EpisodeResult], mode_of: Mapping[int, int], mode: int
+) -> list[EpisodeResult]:
     """Return the results with the failures of other modes as safe episodes."""
     return [
-        replace(result, outcome=values.Outcome.SAFE)
+        replace(result, outcome=Outcome.SAFE)
         if result.is_failure and mode_of.get(result.index) != mode
         else result
         for result in results
@@ -152,7 +154,7 @@ def _keep_mode(
 
 
 def estimate_by_known_proposal(
-    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     """Estimate each mode by its own learner, which takes all other failures as safe.
 
@@ -171,7 +173,7 @@ def estimate_by_known_proposal(
 
 
 def _estimate_by_counts(
-    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     counted, counts = Counter(mode_of.values()), campaign.counts
     design = SamplingDesign.of([campaign.spec])
@@ -184,9 +186,9 @@ def _estimate_by_counts(
     ]
 
 
-def estimate_share(found: values.Rate) -> values.Estimate:
+def estimate_share(found: Rate) -> Estimate:
     """Return the estimate from a number of failures among episodes that were drawn from p(x)."""
-    return values.Estimate(
+    return Estimate(
         by=COUNTING,
         episodes=found.n,
         probability=found.value,
@@ -196,11 +198,11 @@ def estimate_share(found: values.Rate) -> values.Estimate:
     )
 
 
-def _has_probability(_campaign: values.Campaign) -> bool:
+def _has_probability(_campaign: Campaign) -> bool:
     return True
 
 
-def _has_estimate(campaign: values.Campaign) -> bool:
+def _has_estimate(campaign: Campaign) -> bool:
     return campaign.estimate is not None
 
 
@@ -208,8 +210,8 @@ class ModeEstimator(NamedTuple):
     """A way to estimate the probability of each mode, its name, and the campaigns that it suits."""
 
     by: str
-    estimate: Callable[[Store, values.Campaign, Mapping[int, int], int], ModeEstimates]
-    can: Callable[[values.Campaign], bool] = _has_probability
+    estimate: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
+    can: Callable[[Campaign], bool] = _has_probability
 
 
 ESTIMATORS: Mapping[ModeProbability, ModeEstimator] = {

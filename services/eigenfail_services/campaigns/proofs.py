@@ -6,9 +6,20 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 
-from eigenfail import values
 from eigenfail.errors import Conflict, InvalidValue
-from eigenfail.values.campaign_spec import LONGEST_NAME
+from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values.campaign_spec import LONGEST_NAME, CampaignSpec, StopRules
+from eigenfail.values.episode import EpisodeResult, Outcome, episode_seed
+from eigenfail.values.proof import (
+    NearestFailure,
+    Proof,
+    ProvenMode,
+    ProvenScenario,
+    ReplayedNoise,
+    ReplayKind,
+    Reproduction,
+)
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.campaigns.cache import StoreCache
@@ -33,14 +44,12 @@ class ReplayWorld(NamedTuple):
         drawn: the scenario's parameters that its modes' medoids drew; none where none vary.
     """
 
-    spec: values.CampaignSpec
+    spec: CampaignSpec
     modes: tuple[int, ...]
     drawn: Mapping[str, Any]
 
 
-def _list_worlds(
-    store: Store, analysis: values.Analysis, result: values.AnalysisResult
-) -> list[ReplayWorld]:
+def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> list[ReplayWorld]:
     """Return the scenarios of an analysis's modes: one, unless the scenario's parameters vary.
 
     Where they vary, a mode is at home in what its medoid drew; modes whose medoids drew the same
@@ -58,18 +67,18 @@ def _list_worlds(
     return list(found.values())
 
 
-def read_drawn(store: Store, analysis: values.Analysis, mode: values.FailureMode) -> dict[str, Any]:
+def read_drawn(store: Store, analysis: Analysis, mode: FailureMode) -> dict[str, Any]:
     """Return the scenario parameters that the medoid of a mode drew, by name."""
     spec = store.campaigns.get(mode.medoid_campaign or analysis.campaign).spec
-    return drawn_for(spec, values.episode_seed(spec.seed, mode.medoid))
+    return drawn_for(spec, episode_seed(spec.seed, mode.medoid))
 
 
-def _put_parameters(spec: values.CampaignSpec, parameters: dict[str, Any]) -> values.CampaignSpec:
+def _put_parameters(spec: CampaignSpec, parameters: dict[str, Any]) -> CampaignSpec:
     together = {**spec.scenario_parameters, **parameters}
     return msgspec.structs.replace(spec, scenario_parameters=together)
 
 
-def _refuse_several_worlds(store: Store, analysis: values.Analysis) -> None:
+def _refuse_several_worlds(store: Store, analysis: Analysis) -> None:
     """Make sure that all failures of an analysis are of one world.
 
     Raises:
@@ -86,7 +95,7 @@ def _refuse_several_worlds(store: Store, analysis: values.Analysis) -> None:
         )
 
 
-def _describe_world(spec: values.CampaignSpec) -> dict[str, Any]:
+def _describe_world(spec: CampaignSpec) -> dict[str, Any]:
     defaults = world_of(spec.simulator).default_parameters(spec)
     parameters = defaults | spec.scenario_parameters
     return {
@@ -98,11 +107,11 @@ def _describe_world(spec: values.CampaignSpec) -> dict[str, Any]:
 MOST_SCENARIOS = 1_000
 MOST_ANALYSES = 100
 
-KNOWN_SCENARIOS: StoreCache[values.ProvenScenario] = StoreCache(MOST_SCENARIOS)
+KNOWN_SCENARIOS: StoreCache[ProvenScenario] = StoreCache(MOST_SCENARIOS)
 KNOWN_WORLDS: StoreCache[list[ReplayWorld]] = StoreCache(MOST_ANALYSES)
 
 
-def read_result(analysis: values.Analysis) -> values.AnalysisResult:
+def read_result(analysis: Analysis) -> AnalysisResult:
     """Return the result of an analysis.
 
     Raises:
@@ -116,7 +125,7 @@ def read_result(analysis: values.Analysis) -> values.AnalysisResult:
     return analysis.result
 
 
-def summarise_proof(store: Store, analysis: values.Analysis) -> values.Proof:
+def summarise_proof(store: Store, analysis: Analysis) -> Proof:
     """Return what the replays of an analysis have shown so far.
 
     Raises:
@@ -138,12 +147,12 @@ def summarise_proof(store: Store, analysis: values.Analysis) -> values.Proof:
     searches = [each for each in linked if each.spec.method == NEAREST]
     nearest = _find_centres(same) | _find_nearest_points(store, analysis, result, searches)
     states = [*(each.state for each in scenarios), *(each.state for each in searches)]
-    return values.Proof(
+    return Proof(
         analysis=analysis.id,
-        done=bool(replays) and all(state in values.FINAL_STATES for state in states),
-        reproduced=_count_reproductions(_count_kind(same, values.ReplayKind.EIGENFAILURE)),
-        eigenfailures=_count_reproductions(_count_kind(everything, values.ReplayKind.EIGENFAILURE)),
-        medoids=_count_reproductions(_count_kind(everything, values.ReplayKind.MEDOID)),
+        done=bool(replays) and all(state in FINAL_STATES for state in states),
+        reproduced=_count_reproductions(_count_kind(same, ReplayKind.EIGENFAILURE)),
+        eigenfailures=_count_reproductions(_count_kind(everything, ReplayKind.EIGENFAILURE)),
+        medoids=_count_reproductions(_count_kind(everything, ReplayKind.MEDOID)),
         modes=tuple(
             _summarise_mode(everything, mode, nearest.get(mode))
             for mode in range(len(result.modes))
@@ -152,31 +161,31 @@ def summarise_proof(store: Store, analysis: values.Analysis) -> values.Proof:
         searches=tuple(each.id for each in searches),
         unplaced=tuple(
             each.mode
-            for each in _count_kind(same, values.ReplayKind.EIGENFAILURE)
-            if each.outcome is values.Outcome.SAFE and each.mode not in nearest
+            for each in _count_kind(same, ReplayKind.EIGENFAILURE)
+            if each.outcome is Outcome.SAFE and each.mode not in nearest
         ),
     )
 
 
-def _find_centres(same: Iterable[values.ReplayedNoise]) -> dict[int, values.NearestFailure]:
+def _find_centres(same: Iterable[ReplayedNoise]) -> dict[int, NearestFailure]:
     """Return the modes whose centre fails in the scenario in which its failures happened."""
     return {
-        each.mode: values.NearestFailure(0.0, each.campaign, each.index)
-        for each in _count_kind(same, values.ReplayKind.EIGENFAILURE)
+        each.mode: NearestFailure(0.0, each.campaign, each.index)
+        for each in _count_kind(same, ReplayKind.EIGENFAILURE)
         if each.reproduced
     }
 
 
 def _find_nearest_points(
     store: Store,
-    analysis: values.Analysis,
-    result: values.AnalysisResult,
-    searches: Iterable[values.Campaign],
-) -> dict[int, values.NearestFailure]:
+    analysis: Analysis,
+    result: AnalysisResult,
+    searches: Iterable[Campaign],
+) -> dict[int, NearestFailure]:
     """Return the nearest failing points of the modes whose search has ended, by mode."""
-    found: dict[int, values.NearestFailure] = {}
+    found: dict[int, NearestFailure] = {}
     for search in searches:
-        if search.state is values.CampaignState.DONE:
+        if search.state is CampaignState.DONE:
             modes = [number - 1 for number in _list_modes(search.spec)]
             ended = store.episodes.finished(search.id, range(search.spec.episodes))
             results = sorted(ended, key=lambda each: each.index)
@@ -186,18 +195,16 @@ def _find_nearest_points(
                 nearest = min(failing, key=lambda n: trials[n].t, default=None)
                 medoid = result.modes[mode]
                 found[mode] = (
-                    values.NearestFailure(
-                        1.0, medoid.medoid_campaign or analysis.campaign, medoid.medoid
-                    )
+                    NearestFailure(1.0, medoid.medoid_campaign or analysis.campaign, medoid.medoid)
                     if nearest is None
-                    else values.NearestFailure(trials[nearest].t, search.id, nearest)
+                    else NearestFailure(trials[nearest].t, search.id, nearest)
                 )
     return found
 
 
 def _find_scenario(
-    store: Store, analysis: values.Analysis, homes: Sequence[ReplayWorld], replay: values.Campaign
-) -> values.ProvenScenario:
+    store: Store, analysis: Analysis, homes: Sequence[ReplayWorld], replay: Campaign
+) -> ProvenScenario:
     """Return the results of a replay campaign, from the cache unless more episodes have ended.
 
     Results stay as they are for good, and the counts change with each that comes in.
@@ -210,7 +217,7 @@ def _find_scenario(
     )
 
 
-def _keep_latest(replays: Iterable[values.Campaign]) -> list[values.Campaign]:
+def _keep_latest(replays: Iterable[Campaign]) -> list[Campaign]:
     """Return the newest replay of each mode in each scenario, so that no trajectory counts twice.
 
     Replays that drew a scenario of their own each say nothing of one.
@@ -226,45 +233,41 @@ def _keep_latest(replays: Iterable[values.Campaign]) -> list[values.Campaign]:
     return list(newest.values())
 
 
-def _list_modes(replay: values.CampaignSpec) -> list[int]:
+def _list_modes(replay: CampaignSpec) -> list[int]:
     return list(replay.settings.get("modes", ()))
 
 
-def _find_home(replay: values.Campaign, homes: Sequence[ReplayWorld]) -> ReplayWorld:
+def _find_home(replay: Campaign, homes: Sequence[ReplayWorld]) -> ReplayWorld:
     named = _list_modes(replay.spec)
     # A replay names its modes only if the scenario's parameters vary; otherwise there is one home.
     return next((home for home in homes if home.modes[0] + 1 in named), homes[0])
 
 
-def _summarise_scenario(
-    store: Store, home: ReplayWorld, replay: values.Campaign
-) -> values.ProvenScenario:
+def _summarise_scenario(store: Store, home: ReplayWorld, replay: Campaign) -> ProvenScenario:
     results = store.episodes.finished(replay.id, range(replay.spec.episodes))
     by_index = {result.index: result for result in results}
-    kinds = replay.spec.settings.get("what") or (values.ReplayKind.EIGENFAILURE,)
+    kinds = replay.spec.settings.get("what") or (ReplayKind.EIGENFAILURE,)
     # The episodes of a replay have this order, kind by kind, because `read_trajectories` returns
     # the noise in it.
-    order = product(map(values.ReplayKind, kinds), home.modes)
+    order = product(map(ReplayKind, kinds), home.modes)
     replays = tuple(
-        _read_replay(
-            values.ReplayedNoise(what=what, mode=mode, campaign=replay.id, index=index), by_index
-        )
+        _read_replay(ReplayedNoise(what=what, mode=mode, campaign=replay.id, index=index), by_index)
         for index, (what, mode) in enumerate(order)
     )
     given = replay.spec.scenario_parameters
-    return values.ProvenScenario(
+    return ProvenScenario(
         scenario_parameters=_list_differing(home.spec, replay.spec),
         # What the world's medoids drew, as far as the replay does not override it.
         drawn={name: value for name, value in home.drawn.items() if given.get(name) == value},
         campaign=replay.id,
         state=replay.state,
-        eigenfailures=_count_reproductions(_count_kind(replays, values.ReplayKind.EIGENFAILURE)),
-        medoids=_count_reproductions(_count_kind(replays, values.ReplayKind.MEDOID)),
+        eigenfailures=_count_reproductions(_count_kind(replays, ReplayKind.EIGENFAILURE)),
+        medoids=_count_reproductions(_count_kind(replays, ReplayKind.MEDOID)),
         replays=replays,
     )
 
 
-def _list_differing(world: values.CampaignSpec, replay: values.CampaignSpec) -> dict[str, Any]:
+def _list_differing(world: CampaignSpec, replay: CampaignSpec) -> dict[str, Any]:
     before = world.scenario_parameters
     return {
         name: value
@@ -273,9 +276,7 @@ def _list_differing(world: values.CampaignSpec, replay: values.CampaignSpec) -> 
     }
 
 
-def _read_replay(
-    planned: values.ReplayedNoise, results: Mapping[int, values.EpisodeResult]
-) -> values.ReplayedNoise:
+def _read_replay(planned: ReplayedNoise, results: Mapping[int, EpisodeResult]) -> ReplayedNoise:
     result = results.get(planned.index)
     if result is None or result.measures is None:
         return msgspec.structs.replace(planned, outcome=result.outcome if result else None)
@@ -292,29 +293,25 @@ def _read_replay(
 
 
 def _summarise_mode(
-    replays: Sequence[values.ReplayedNoise], mode: int, nearest: values.NearestFailure | None
-) -> values.ProvenMode:
+    replays: Sequence[ReplayedNoise], mode: int, nearest: NearestFailure | None
+) -> ProvenMode:
     ours = [replay for replay in replays if replay.mode == mode]
-    eigenfailure, medoid = (
-        _count_reproductions(_count_kind(ours, kind)) for kind in values.ReplayKind
-    )
-    return values.ProvenMode(mode, eigenfailure, medoid, nearest)
+    eigenfailure, medoid = (_count_reproductions(_count_kind(ours, kind)) for kind in ReplayKind)
+    return ProvenMode(mode, eigenfailure, medoid, nearest)
 
 
-def _count_kind(
-    replays: Iterable[values.ReplayedNoise], what: values.ReplayKind
-) -> Iterator[values.ReplayedNoise]:
+def _count_kind(replays: Iterable[ReplayedNoise], what: ReplayKind) -> Iterator[ReplayedNoise]:
     return (replay for replay in replays if replay.what is what)
 
 
-def _count_reproductions(replays: Iterable[values.ReplayedNoise]) -> values.Reproduction:
-    tried = [each for each in replays if each.outcome not in (None, values.Outcome.ERRORED)]
+def _count_reproductions(replays: Iterable[ReplayedNoise]) -> Reproduction:
+    tried = [each for each in replays if each.outcome not in (None, Outcome.ERRORED)]
     if not tried:
-        return values.Reproduction()
+        return Reproduction()
     robustness = [each.robustness_m for each in tried if each.robustness_m is not None]
     counted = rate(sum(each.reproduced for each in tried), len(tried))
     # Replays repeat noise that was chosen, and no two of a mode are independent draws.
-    return values.Reproduction(
+    return Reproduction(
         msgspec.structs.replace(counted, sampled=False), min(robustness, default=None)
     )
 
@@ -336,7 +333,7 @@ class _BoundedParameter(msgspec.Struct, frozen=True):
     is_named: bool
 
 
-def list_neighbours(spec: values.CampaignSpec) -> tuple[dict[str, Any], ...]:
+def list_neighbours(spec: CampaignSpec) -> tuple[dict[str, Any], ...]:
     """Return scenario parameters to put over a campaign's own: none, then one below and one above.
 
     Neighbours are those that the scenario names; otherwise its first bounded parameter is moved by
@@ -377,17 +374,17 @@ def _move_parameter(parameter: _BoundedParameter, value: float) -> Iterator[dict
             yield {parameter.name: neighbour}
 
 
-CAME_TO_NOTHING = frozenset({values.CampaignState.CANCELLED, values.CampaignState.DEAD})
+CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
 
 Parameters = Mapping[str, Any]
 
 
 def launch_replays(
     store: Store,
-    analysis: values.Analysis,
+    analysis: Analysis,
     variations: Sequence[Parameters] | None,
     made_by: int | None = None,
-) -> values.Proof:
+) -> Proof:
     """Queue a replay in each scenario that has none yet, and return the proof so far.
 
     Once all of these have ended, it also queues the search for the nearest failing point of each
@@ -438,11 +435,11 @@ def launch_replays(
 
 
 def _make_search(
-    analysis: values.Analysis,
-    analysed: values.CampaignSpec,
+    analysis: Analysis,
+    analysed: CampaignSpec,
     home: ReplayWorld,
     modes: Sequence[int],
-) -> values.CampaignSpec:
+) -> CampaignSpec:
     name = f"{analysed.name}: nearest failing points of analysis {analysis.id}"
     return msgspec.structs.replace(
         home.spec,
@@ -450,7 +447,7 @@ def _make_search(
         method=NEAREST,
         settings={"analysis": analysis.id, "modes": [mode + 1 for mode in modes]},
         episodes=MOST_EPISODES * len(modes),
-        stop=values.StopRules(),
+        stop=StopRules(),
         scene_every=1,
     )
 
@@ -464,9 +461,7 @@ def _refuse_distributions(variations: Sequence[Parameters]) -> None:
                 raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
 
 
-def _check_replay(
-    replay: values.CampaignSpec, analysed: values.CampaignSpec, place: int
-) -> values.CampaignSpec:
+def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> CampaignSpec:
     """Return the replay in a variation that can be launched.
 
     Raises:
@@ -480,7 +475,7 @@ def _check_replay(
     return checked.spec
 
 
-def _leave_out_equal(world: values.CampaignSpec, variation: Parameters) -> dict[str, Any]:
+def _leave_out_equal(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:
     defaults = world_of(world.simulator).default_parameters(world)
     there = defaults | world.scenario_parameters
     absent = object()
@@ -488,32 +483,30 @@ def _leave_out_equal(world: values.CampaignSpec, variation: Parameters) -> dict[
 
 
 def _make_replay(
-    analysis: values.Analysis,
-    analysed: values.CampaignSpec,
+    analysis: Analysis,
+    analysed: CampaignSpec,
     variation: Parameters,
     home: ReplayWorld,
-) -> values.CampaignSpec:
+) -> CampaignSpec:
     spec = _put_parameters(home.spec, _leave_out_equal(home.spec, variation))
     differing = ", ".join(
         f"{name}={value}" for name, value in _list_differing(analysed, spec).items()
     )
     name = f"{analysed.name}: replay of analysis {analysis.id}" + (differing and f", {differing}")
-    settings = {"analysis": analysis.id, "what": [kind.value for kind in values.ReplayKind]}
+    settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
     some = {"modes": [place + 1 for place in home.modes]} if list_drawn(analysed) else {}
     return msgspec.structs.replace(
         spec,
         name=name[-LONGEST_NAME:],
         method=REPLAY,
         settings=settings | some,
-        episodes=len(values.ReplayKind) * len(home.modes),
-        stop=values.StopRules(),
+        episodes=len(ReplayKind) * len(home.modes),
+        stop=StopRules(),
         scene_every=1,
     )
 
 
-def _launch_replay(
-    store: Store, analysis: int, spec: values.CampaignSpec, made_by: int | None
-) -> None:
+def _launch_replay(store: Store, analysis: int, spec: CampaignSpec, made_by: int | None) -> None:
     """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
 
     Repeated or simultaneous requests get one campaign: a replay is the same

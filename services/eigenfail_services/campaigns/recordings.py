@@ -16,7 +16,10 @@ from eigenfail.contracts.recording import (
     list_frame_steps,
 )
 from eigenfail.errors import Conflict, EigenfailError, InvalidValue
-from eigenfail.values import Analysis, CampaignSpec, EpisodeResult, Mission, Outcome, Scene
+from eigenfail.values.analysis import Analysis
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.scene import Mission, Scene
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of
 from eigenfail_services.campaigns.explanations import Explanations

@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import describe_method, traits_of
+from eigenfail.values.analysis import Analysis, FailureMode
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.episode import Outcome, learner_seed
+from eigenfail.values.learning import Experience, LearnerContext, Predecessor
+from eigenfail.values.proof import ReplayKind
 from eigenfail.worlds import list_channels, world_of
 from eigenfail_services.campaigns.resolution import (
     ResolvedCampaign,
@@ -228,7 +233,7 @@ def _refuse_pruned(campaign: int, field: str, store: "Store") -> None:
         raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
 
 
-def _check_channels(before: values.Campaign, field: str, channels: Sequence[str]) -> None:
+def _check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
     """Make sure that the noise of an earlier campaign has the same channels as here.
 
     Those of functions may have other names.
@@ -251,7 +256,7 @@ def _check_channels(before: values.Campaign, field: str, channels: Sequence[str]
         raise InvalidValue(field, problem, "Name one with the same channels in the same order.")
 
 
-def _check_horizon(before: values.Campaign, field: str, steps: int) -> None:
+def _check_horizon(before: Campaign, field: str, steps: int) -> None:
     """Make sure that the episodes of an earlier campaign have as many steps as here.
 
     Raises:
@@ -265,7 +270,7 @@ def _check_horizon(before: values.Campaign, field: str, steps: int) -> None:
         raise InvalidValue(field, problem, "Name campaigns in scenarios of as many steps.")
 
 
-def _find_ended(campaign: int, field: str, store: "Store") -> values.Campaign:
+def _find_ended(campaign: int, field: str, store: "Store") -> Campaign:
     """Return an earlier campaign that a setting names.
 
     Raises:
@@ -276,14 +281,14 @@ def _find_ended(campaign: int, field: str, store: "Store") -> values.Campaign:
         before = store.campaigns.get(campaign)
     except NotFound as error:
         raise InvalidValue(field, error.problem, error.remedy) from error
-    if before.state not in values.FINAL_STATES:
+    if before.state not in FINAL_STATES:
         problem = f"campaign {campaign} is {before.state} and has not ended."
         remedy = f"Wait for its end (`eigenfail campaign watch {campaign}`), or cancel it."
         raise InvalidValue(field, problem, remedy)
     return before
 
 
-def check_has_knowledge(before: values.Campaign, field: str) -> None:
+def check_has_knowledge(before: Campaign, field: str) -> None:
     """Make sure that a campaign's method has knowledge to be used.
 
     Raises:
@@ -303,7 +308,7 @@ def check_has_knowledge(before: values.Campaign, field: str) -> None:
         raise InvalidValue(field, problem, "Name a campaign of a method that learns, such as ast.")
 
 
-def learner_context(campaign: values.Campaign, store: "Store") -> values.LearnerContext:
+def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
     """Return what the learner of a campaign is given at its birth.
 
     Raises:
@@ -315,8 +320,8 @@ def learner_context(campaign: values.Campaign, store: "Store") -> values.Learner
     method = resolved.searching
     trajectories = read_trajectories(method, store)
     learners = method.given_references(*LEARNERS)
-    return values.LearnerContext(
-        seed=values.learner_seed(campaign.spec.seed),
+    return LearnerContext(
+        seed=learner_seed(campaign.spec.seed),
         episodes=campaign.spec.episodes,
         horizon=resolved.horizon,
         trajectories=stack_noise(trajectories, resolved.horizon, len(resolved.channels)),
@@ -329,21 +334,21 @@ def learner_context(campaign: values.Campaign, store: "Store") -> values.Learner
     )
 
 
-def _read_predecessor(campaign: int, field: str, store: "Store") -> values.Predecessor:
+def _read_predecessor(campaign: int, field: str, store: "Store") -> Predecessor:
     before = store.campaigns.get(campaign)
     spec = before.spec
-    return values.Predecessor(
+    return Predecessor(
         campaign=before.id,
         method=spec.method,
         settings=leave_out_births(spec.method, spec.settings),
-        seed=values.learner_seed(spec.seed),
+        seed=learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=world_of(spec.simulator).horizon(spec),
         state=_read_last_state(before, field, store),
     )
 
 
-def _read_last_state(before: values.Campaign, field: str, store: "Store") -> bytes:
+def _read_last_state(before: Campaign, field: str, store: "Store") -> bytes:
     try:
         checkpoint = store.checkpoints.load(before.id)
         if checkpoint is not None:
@@ -367,7 +372,7 @@ def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[values.Floats]:
+def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[Floats]:
     """Return the noise trajectories that a method's settings name; none if they name none.
 
     An analysis counts before a campaign: a proof names both, the analysis for its modes.
@@ -390,14 +395,14 @@ def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[values
     return [store.episodes.get(campaign, index).noise.z for index in episodes]
 
 
-def _read_analysed(method: ResolvedMethod, store: "Store") -> Sequence[values.Floats]:
+def _read_analysed(method: ResolvedMethod, store: "Store") -> Sequence[Floats]:
     """Return the noise that stands for the modes of an analysis, kind by kind."""
     analysis = store.analyses.get(method.given["analysis"])
     modes = _choose_modes(analysis, method)
-    found: list[values.Floats] = []
+    found: list[Floats] = []
     # A method that does not choose the kinds injects eigenfailures.
-    for kind in getattr(method.settings, "what", (values.ReplayKind.EIGENFAILURE,)):
-        if kind is values.ReplayKind.EIGENFAILURE:
+    for kind in getattr(method.settings, "what", (ReplayKind.EIGENFAILURE,)):
+        if kind is ReplayKind.EIGENFAILURE:
             found += [mode.eigenfailure for mode in modes]
         else:
             places = ((each.medoid_campaign or analysis.campaign, each.medoid) for each in modes)
@@ -405,9 +410,7 @@ def _read_analysed(method: ResolvedMethod, store: "Store") -> Sequence[values.Fl
     return found
 
 
-def _choose_modes(
-    analysis: values.Analysis, method: ResolvedMethod
-) -> Sequence[values.FailureMode]:
+def _choose_modes(analysis: Analysis, method: ResolvedMethod) -> Sequence[FailureMode]:
     if analysis.result is None:
         problem = f"analysis {analysis.id} is {analysis.state} and has no eigenfailures."
         raise InvalidValue("settings.analysis", problem, "Wait for it, or launch another.")
@@ -429,7 +432,7 @@ class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
     index: int
 
 
-def read_experience(campaign: ResolvedCampaign, store: "Store") -> values.Experience | None:
+def read_experience(campaign: ResolvedCampaign, store: "Store") -> Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
     None where it names no campaigns to learn from.
@@ -460,7 +463,7 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> values.Experi
         for number, ours in groupby(kept, key=lambda one: one.campaign)
         for result in store.episodes.finished(number, [one.index for one in ours])
     ]
-    return values.Experience(
+    return Experience(
         z=stack_noise([result.noise.z for result in results], horizon, channels),
         steps=np.array([result.steps for result in results], np.float32),
         robustness_m=np.array([one.robustness_m for one in kept], np.float32),
@@ -472,7 +475,7 @@ def _list_completed(campaign: int, store: "Store") -> Iterator[CompletedEpisode]
     while True:
         page = store.episodes.page(campaign, PAGE, after)
         for row in page.items:
-            if row.outcome is not values.Outcome.ERRORED and row.robustness_m is not None:
+            if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
                 yield CompletedEpisode(row.robustness_m, campaign, row.index)
         if (after := page.next) is None:
             return
@@ -487,7 +490,7 @@ def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[Co
     return [*least, *(others[place] for place in places)]
 
 
-def stack_noise(noises: Sequence[values.Floats], steps: int, channels: int) -> values.Floats:
+def stack_noise(noises: Sequence[Floats], steps: int, channels: int) -> Floats:
     """Return trajectories of any length as one array, shape (n, steps, channels).
 
     They are padded with zeros; without a trajectory n is 0.

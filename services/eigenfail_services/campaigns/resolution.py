@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import values
 from eigenfail.contracts import MethodTraits, Reference
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.methods import MethodDescription, describe_method
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import CampaignWorld, world_of
 from eigenfail_services.methods import explain_no_estimate
@@ -66,7 +66,7 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
         searching: the method that proposes noise: that of an ensemble's members, else `method`.
     """
 
-    spec: values.CampaignSpec
+    spec: CampaignSpec
     world: CampaignWorld
     horizon: int
     channels: tuple[str, ...]
@@ -74,7 +74,7 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
     searching: ResolvedMethod
 
 
-def resolve_campaign(spec: values.CampaignSpec) -> ResolvedCampaign:
+def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
     """Load the method and the scenario of a campaign, and read their settings.
 
     Raises:
@@ -86,7 +86,7 @@ def resolve_campaign(spec: values.CampaignSpec) -> ResolvedCampaign:
 
 
 def make_resolved_campaign(
-    spec: values.CampaignSpec, method: ResolvedMethod, searching: ResolvedMethod
+    spec: CampaignSpec, method: ResolvedMethod, searching: ResolvedMethod
 ) -> ResolvedCampaign:
     """Return a campaign with its methods and what its world says of its episodes.
 
@@ -119,7 +119,7 @@ def find_searching(method: ResolvedMethod) -> ResolvedMethod:
     return resolve_method(members.method, members.settings, f"{method.field}.settings")
 
 
-def fill_defaults(spec: values.CampaignSpec) -> values.CampaignSpec:
+def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
     """Return the spec with the defaults of its method, planner and scenario written out.
 
     Two specs that differ only in which defaults they write out become equal. A plug-in that is not
@@ -131,8 +131,8 @@ def fill_defaults(spec: values.CampaignSpec) -> values.CampaignSpec:
 # Reading the settings types of plug-ins takes most of the time of a comparison, and campaigns that
 # are compared are mostly written alike: so specs are kept by their text.
 @lru_cache(maxsize=MOST_SPECS)
-def _fill_written(written: bytes) -> values.CampaignSpec:
-    spec = msgspec.json.decode(written, type=values.CampaignSpec)
+def _fill_written(written: bytes) -> CampaignSpec:
+    spec = msgspec.json.decode(written, type=CampaignSpec)
     world = world_of(spec.simulator)
     for fill in (_fill_method, world.fill_planner, world.fill_scenario):
         with contextlib.suppress(EigenfailError):
@@ -140,7 +140,7 @@ def _fill_written(written: bytes) -> values.CampaignSpec:
     return spec
 
 
-def _fill_method(spec: values.CampaignSpec) -> values.CampaignSpec:
+def _fill_method(spec: CampaignSpec) -> CampaignSpec:
     settings = resolve_method(spec.method, spec.settings).settings
     return replace(spec, settings=msgspec.to_builtins(settings))
 
@@ -165,13 +165,13 @@ def check_estimates(method: ResolvedMethod, field: str, *, of_exploits: bool = F
         raise InvalidValue(field, problem, "Or leave this rule out.")
 
 
-def list_varied(spec: values.CampaignSpec) -> tuple[str, ...]:
+def list_varied(spec: CampaignSpec) -> tuple[str, ...]:
     """Return the scenario parameters that have a distribution."""
     given = spec.scenario_parameters.items()
     return tuple(name for name, value in given if is_distribution(value))
 
 
-def list_drawn(spec: values.CampaignSpec) -> tuple[str, ...]:
+def list_drawn(spec: CampaignSpec) -> tuple[str, ...]:
     """Return the scenario parameters that each episode draws from its seed, not by its noise."""
     searched = spec.disturbance.searched_parameters
     return tuple(name for name in list_varied(spec) if name not in searched)

@@ -8,11 +8,14 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from eigenfail import values
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.campaign import BUDGET_SPENT
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, PolicySource, episode_seed
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import Policy, Proposal, Round
 from eigenfail.values.records import assess
 from eigenfail_services.analysis.sampling_design import MOST_AHEAD, OPEN_WAS_FINISHED
 from eigenfail_services.statistics.intervals import bound_sequence
@@ -30,9 +33,9 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     errored: int = 0
     unresolved: int = 0
 
-    def after(self, results: Sequence[values.EpisodeResult]) -> "Tally":
+    def after(self, results: Sequence[EpisodeResult]) -> "Tally":
         """Return the counts with another round."""
-        completed = sum(result.outcome is not values.Outcome.ERRORED for result in results)
+        completed = sum(result.outcome is not Outcome.ERRORED for result in results)
         failures = sum(result.is_failure for result in results)
         ends = [assess(result.outcome, result.measures).unresolved for result in results]
         return Tally(
@@ -56,7 +59,7 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (interval.high - interval.low) / 2.0
 
 
-def limit_lookahead(lookahead: int, rules: values.StopRules) -> int:
+def limit_lookahead(lookahead: int, rules: StopRules) -> int:
     """Return how many rounds may be open besides the oldest one.
 
     With rules on results no more than `MOST_AHEAD`, or they would take effect late.
@@ -64,7 +67,7 @@ def limit_lookahead(lookahead: int, rules: values.StopRules) -> int:
     return min(lookahead, MOST_AHEAD) if rules.judges_results else lookahead
 
 
-def judge_results(rules: values.StopRules, tally: Tally, estimate: values.Estimate | None) -> str:
+def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> str:
     """Return which rule on results ends a campaign, in words; empty if none does."""
     width, cv = tally.half_width(), estimate.cv if estimate else None
     known = f"The failure rate is known to ± {_format_figure(width)}"
@@ -80,7 +83,7 @@ def judge_results(rules: values.StopRules, tally: Tally, estimate: values.Estima
     )
 
 
-def judge_time(rules: values.StopRules, active_s: float, cost_usd: float) -> str:
+def judge_time(rules: StopRules, active_s: float, cost_usd: float) -> str:
     """Return which rule on time or cost ends a campaign, in words; empty if none does."""
     lasted, cost = (
         f"It ran for {_format_figure(active_s)} s",
@@ -128,8 +131,8 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
     number: int
     episodes: int
     ended: bool
-    policy: values.Policy | None
-    rounds: tuple[values.Round, ...]
+    policy: Policy | None
+    rounds: tuple[Round, ...]
     learner: bytes
     tally: Tally = Tally()
     stopped_because: str = msgspec.field(default="", name="stopped")
@@ -164,7 +167,7 @@ def read_checkpoint(data: bytes) -> Checkpoint:
     return checkpoint
 
 
-NO_RULES = values.StopRules()
+NO_RULES = StopRules()
 
 
 class Rounds:
@@ -182,7 +185,7 @@ class Rounds:
     """
 
     def __init__(
-        self, learner: Learner, campaign_seed: int, budget: int, rules: values.StopRules = NO_RULES
+        self, learner: Learner, campaign_seed: int, budget: int, rules: StopRules = NO_RULES
     ) -> None:
         self._learner = learner
         self._campaign_seed = campaign_seed
@@ -190,11 +193,11 @@ class Rounds:
         self._rules = rules
         self._tally = Tally()
         self._rule_held = ""
-        self._open: deque[values.Round] = deque()
+        self._open: deque[Round] = deque()
         self._number = 0
         self._episodes = 0
         self._ended = False
-        self._policy: values.Policy | None = None
+        self._policy: Policy | None = None
 
     @property
     def stopped_because(self) -> str:
@@ -205,7 +208,7 @@ class Rounds:
             return BUDGET_SPENT.format(self._budget)
         return "The method had no more to propose." if self._ended else ""
 
-    def estimate(self) -> values.Estimate | None:
+    def estimate(self) -> Estimate | None:
         """Return the failure probability after the last round; None without an estimate."""
         return self._learner.estimate() if isinstance(self._learner, Estimator) else None
 
@@ -213,7 +216,7 @@ class Rounds:
         """Return the number of episodes that the learner was trained with; None if unknown."""
         return self._learner.trained_episodes if isinstance(self._learner, Trained) else None
 
-    def open(self) -> tuple[values.Round, ...]:
+    def open(self) -> tuple[Round, ...]:
         """Return the open rounds, oldest first; propose as far as lookahead and budget allow.
 
         Empty at the campaign's end.
@@ -229,7 +232,7 @@ class Rounds:
             self._propose()
         return tuple(self._open)
 
-    def complete(self, results: Sequence[values.EpisodeResult]) -> None:
+    def complete(self, results: Sequence[EpisodeResult]) -> None:
         """Have the learner observe the oldest open round.
 
         Args:
@@ -317,17 +320,17 @@ class Rounds:
             self._number += 1
             self._episodes += len(proposal.sources)
 
-    def _round(self, proposal: values.Proposal) -> values.Round:
+    def _round(self, proposal: Proposal) -> Round:
         tasks = tuple(
-            values.EpisodeTask(index, values.episode_seed(self._campaign_seed, index), source)
+            EpisodeTask(index, episode_seed(self._campaign_seed, index), source)
             for index, source in enumerate(proposal.sources, self._episodes)
         )
         # A worker that takes over after a crash has seen no earlier round: each carries its policy.
-        needed = any(isinstance(source, values.PolicySource) for source in proposal.sources)
-        return values.Round(self._number, tasks, self._policy if needed else None)
+        needed = any(isinstance(source, PolicySource) for source in proposal.sources)
+        return Round(self._number, tasks, self._policy if needed else None)
 
 
-def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[values.EpisodeResult]:
+def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeResult]:
     """Run a whole campaign in this process, and yield its results in index order.
 
     The service runs the rounds through the hub; this is for examples, benchmarks and tests.

@@ -9,8 +9,8 @@ from msgspec.structs import asdict
 
 from eigenfail import suites
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.values import Campaign, CampaignSpec
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import Campaign, CampaignFilter
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.suite import SEPARATOR, suite_of
 from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.drafts import move_errors, rename_field

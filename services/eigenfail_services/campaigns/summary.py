@@ -6,15 +6,17 @@ from functools import lru_cache
 import msgspec
 import structlog
 
-from eigenfail import values
 from eigenfail.errors import InputError, NotFound
 from eigenfail.methods import NarrowCampaign, find_narrow_campaigns
 from eigenfail.presentation.rates import explain_design
-from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.operations import Presence, Staffing, WorkerShare
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Cost, Rate
+from eigenfail.values.learning import Policy
+from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
 from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
-from eigenfail.values.safety import TAIL_LEVEL
-from eigenfail.values.summary import Errored
+from eigenfail.values.safety import TAIL_LEVEL, Safety
+from eigenfail.values.summary import Conflicts, Course, Errored, MeanTime, Summary, Unresolved
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
@@ -34,7 +36,7 @@ MOST_SPECS = 1_000
 log = structlog.get_logger()
 
 
-def summarise(campaign: values.Campaign, totals: Totals) -> values.Summary:
+def summarise(campaign: Campaign, totals: Totals) -> Summary:
     """Return the row of a campaign in result tables: findings, speed and price so far.
 
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
@@ -42,7 +44,7 @@ def summarise(campaign: values.Campaign, totals: Totals) -> values.Summary:
     """
     unresolved = summarise_unresolved(campaign, totals.conflicts)
     completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.doubtful)
-    return values.Summary(
+    return Summary(
         campaign=campaign.id,
         name=campaign.spec.name,
         method=campaign.spec.method,
@@ -63,38 +65,36 @@ def summarise(campaign: values.Campaign, totals: Totals) -> values.Summary:
     )
 
 
-def summaries_of(store: Store, campaigns: Sequence[values.Campaign]) -> list[values.Summary]:
+def summaries_of(store: Store, campaigns: Sequence[Campaign]) -> list[Summary]:
     """Return the summaries of campaigns in their order, with one query for all."""
     totals = store.figures.totals([campaign.id for campaign in campaigns])
     return [summarise(campaign, totals[campaign.id]) for campaign in campaigns]
 
 
-def summarise_conflicts(totals: ConflictTotals) -> values.Conflicts:
+def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
     """Return the number of episodes by class, and the means of their lead times."""
-    return values.Conflicts(
+    return Conflicts(
         unavoidable=totals.unavoidable,
         planner_failures=totals.planner_failures,
         unclassified=totals.unclassified,
         near_misses=totals.near_misses,
         allowed=totals.allowed,
-        ttc_lead=values.MeanTime(divide(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
-        drac_lead=values.MeanTime(divide(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
+        ttc_lead=MeanTime(divide(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
+        drac_lead=MeanTime(divide(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
     )
 
 
-def summarise_unresolved(campaign: values.Campaign, totals: ConflictTotals) -> values.Unresolved:
+def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
     """Return the episodes that are no failures only because they ended, and their horizon."""
-    return values.Unresolved(
-        totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec)
-    )
+    return Unresolved(totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec))
 
 
-def count_doubtful(store: Store, campaign: values.Campaign) -> int:
+def count_doubtful(store: Store, campaign: Campaign) -> int:
     """Return the number of a campaign's episodes that are unresolved, or may be."""
     return summarise_unresolved(campaign, store.episodes.totals(campaign.id).conflicts).doubtful
 
 
-def _describe_errored(campaign: values.Campaign, fault: FrequentFault | None) -> Errored:
+def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
     """Return the number of errored episodes with their most frequent reason."""
     count = campaign.counts.errored
     if not count or fault is None:
@@ -102,13 +102,13 @@ def _describe_errored(campaign: values.Campaign, fault: FrequentFault | None) ->
     return Errored(count, fault.kind, fault.message, min(fault.episodes, count), fault.first)
 
 
-def _find_reach(campaign: values.Campaign) -> str:
+def _find_reach(campaign: Campaign) -> str:
     """Return where failures may be that the method cannot reach; empty unless it ended without any.
 
     Empty too of a method that is not installed any more.
     """
     spec, counts = campaign.spec, campaign.counts
-    if counts.failures or not counts.completed or campaign.state not in values.FINAL_STATES:
+    if counts.failures or not counts.completed or campaign.state not in FINAL_STATES:
         return ""
     try:
         return describe_reach(find_searching(resolve_method(spec.method, spec.settings)).settings)
@@ -120,7 +120,7 @@ def _find_reach(campaign: values.Campaign) -> str:
         return ""
 
 
-def find_horizon_s(spec: values.CampaignSpec) -> float | None:
+def find_horizon_s(spec: CampaignSpec) -> float | None:
     """Return the longest that an episode lasts; None where steps have no duration. [s]
 
     None too of a scenario that is not installed any more.
@@ -130,7 +130,7 @@ def find_horizon_s(spec: values.CampaignSpec) -> float | None:
 
 @lru_cache(MOST_SPECS)
 def _find_horizon_s(text: bytes) -> float | None:
-    spec = msgspec.json.decode(text, type=values.CampaignSpec)
+    spec = msgspec.json.decode(text, type=CampaignSpec)
     world = world_of(spec.simulator)
     try:
         duration = world.step_s(spec)
@@ -143,7 +143,7 @@ def _find_horizon_s(text: bytes) -> float | None:
         return None
 
 
-def find_failure_rate(campaign: values.Campaign, unresolved: int) -> values.Rate | None:
+def find_failure_rate(campaign: Campaign, unresolved: int) -> Rate | None:
     """Return the failure rate of the completed episodes; None before the first one.
 
     Args:
@@ -159,7 +159,7 @@ def find_failure_rate(campaign: values.Campaign, unresolved: int) -> values.Rate
     return design.make_rate(counts.failures, counts.completed, counts.errored, doubtful)
 
 
-def find_cost(campaign: values.Campaign, failures: values.Rate | None = None) -> values.Cost:
+def find_cost(campaign: Campaign, failures: Rate | None = None) -> Cost:
     """Return the cost of a campaign's instances while it was running.
 
     Args:
@@ -182,12 +182,10 @@ MOST_TABLES = 500
 
 
 # The intervals of VaR and CVaR take longer than everything else on a page that shows them.
-CACHE: StoreCache[values.Safety] = StoreCache(MOST_TABLES)
+CACHE: StoreCache[Safety] = StoreCache(MOST_TABLES)
 
 
-def find_safety(
-    store: Store, campaign: values.Campaign, level: float = TAIL_LEVEL
-) -> values.Safety:
+def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> Safety:
     """Return the safety table of the episodes so far.
 
     Raises:
@@ -208,7 +206,7 @@ def find_safety(
     )
 
 
-def find_course(store: Store, campaign: values.Campaign, per: int | None = None) -> values.Course:
+def find_course(store: Store, campaign: Campaign, per: int | None = None) -> Course:
     """Return failures, likelihood and robustness block by block over the episodes so far.
 
     Args:
@@ -240,7 +238,7 @@ OUTLOOK = frozenset({WORKERS_LACKING, WORKERS_MET, "campaign.state", "campaign.p
 LATELY_S = 600
 
 
-def find_worker_shares(store: Store, campaign: values.Campaign) -> tuple[WorkerShare, ...]:
+def find_worker_shares(store: Store, campaign: Campaign) -> tuple[WorkerShare, ...]:
     """Return the workers that ran the episodes of a campaign; the busiest comes first."""
     return store.figures.workers(campaign.id)
 
@@ -255,7 +253,7 @@ def count_present(store: Store) -> tuple[Presence, ...]:
     return store.roster.present(now_ms() - 1_000 * PRESENT_S)
 
 
-def list_unrunnable(store: Store) -> tuple[values.Event, ...]:
+def list_unrunnable(store: Store) -> tuple[Event, ...]:
     """Return the newest event of each running campaign that no connected worker can run."""
     return tuple(event for event in store.events.newest(OUTLOOK) if event.kind == WORKERS_LACKING)
 
@@ -264,15 +262,11 @@ MOST_RUNNING = 1_000
 """Most running campaigns that are read; if more run, no width is reported."""
 
 
-def find_narrow(
-    store: Store, campaign: values.Campaign, workers: int
-) -> tuple[NarrowCampaign, ...]:
+def find_narrow(store: Store, campaign: Campaign, workers: int) -> tuple[NarrowCampaign, ...]:
     """Return the campaign, if it runs and some workers are idle since it is too narrow."""
-    if campaign.state is not values.CampaignState.RUNNING:
+    if campaign.state is not CampaignState.RUNNING:
         return ()
-    running = store.campaigns.page(
-        MOST_RUNNING, where=CampaignFilter(state=values.CampaignState.RUNNING)
-    )
+    running = store.campaigns.page(MOST_RUNNING, where=CampaignFilter(state=CampaignState.RUNNING))
     if running.next is not None:
         return ()
     narrow = find_narrow_campaigns(running.items, workers)
@@ -284,7 +278,7 @@ def find_staffing(store: Store) -> Staffing:
     return make_staffing(store, len(count_present(store)), list_unrunnable(store))
 
 
-def make_staffing(store: Store, workers: int, lacking: tuple[values.Event, ...]) -> Staffing:
+def make_staffing(store: Store, workers: int, lacking: tuple[Event, ...]) -> Staffing:
     """Return the same for a number of workers and unrunnable campaigns that were read before.
 
     Where no worker runs there are hardly any other events: few are read.
@@ -312,7 +306,7 @@ def find_worker(store: Store, campaign: int, index: int) -> Presence:
     return found
 
 
-def find_newest_policy(store: Store, campaign: values.Campaign) -> values.Policy:
+def find_newest_policy(store: Store, campaign: Campaign) -> Policy:
     """Return the newest policy that a campaign's workers were given.
 
     Raises:

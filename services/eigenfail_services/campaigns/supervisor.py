@@ -20,8 +20,10 @@ import psutil
 import structlog
 from msgspec.structs import replace
 
-from eigenfail import errors, values
+from eigenfail import errors
 from eigenfail.methods import traits_of
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, Counts, Overhead
+from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail.versions import learner_versions
 from eigenfail.worlds import world_of
@@ -95,7 +97,7 @@ class Bill(NamedTuple):
 
     since_s: float
     until_s: float
-    overhead: values.Overhead
+    overhead: Overhead
 
     @property
     def length_s(self) -> float:
@@ -112,26 +114,24 @@ class SupervisedCampaign:
         kept_s: the campaign's active time as the store has it.
     """
 
-    def __init__(
-        self, job: Job, priority: values.Priority = values.Priority.NORMAL, kept_s: float = 0.0
-    ) -> None:
+    def __init__(self, job: Job, priority: Priority = Priority.NORMAL, kept_s: float = 0.0) -> None:
         self.job = job
         self.priority = priority
         self.accounting = TimeAccounting()
         self._kept_s = kept_s
         self._billed_s = time.monotonic()
         self._unanswered: Bill | None = None
-        self.sent_counts: values.Counts | None = None
+        self.sent_counts: Counts | None = None
         self.halting = False
         self.lost = False
         self.rule_held = ""
 
-    def has_new(self, priority: values.Priority) -> bool:
+    def has_new(self, priority: Priority) -> bool:
         """Set the priority, and return whether it has changed."""
         before, self.priority = self.priority, priority
         return before is not priority
 
-    def so_far(self, campaign: values.Campaign) -> values.Campaign:
+    def so_far(self, campaign: Campaign) -> Campaign:
         """Return the campaign with the time that is not yet billed."""
         unbilled_s = time.monotonic() - self._billed_s
         return replace(campaign, active_s=self._kept_s + unbilled_s)
@@ -158,7 +158,7 @@ class SupervisedCampaign:
         store.campaigns.add_active(self.job.subject, bill.length_s, overhead, self.job)
         self._keep(bill)
 
-    def claim_again(self, job: Job, campaign: values.Campaign) -> None:
+    def claim_again(self, job: Job, campaign: Campaign) -> None:
         """Go on with a new claim; another supervisor may have billed time in between.
 
         Args:
@@ -194,7 +194,7 @@ class SupervisedCampaign:
         self._billed_s, self._unanswered = bill.until_s, None
 
 
-def find_spent_rule(campaign: values.Campaign) -> str:
+def find_spent_rule(campaign: Campaign) -> str:
     """Return which rule on time or cost ends the campaign; empty if none does."""
     return rounds.judge_time(campaign.spec.stop, campaign.active_s, find_cost(campaign).total_usd)
 
@@ -205,19 +205,19 @@ RENEW_S = 2.0
 ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
 """Default number of analyses at a time; analyses never wait for campaigns."""
 
-AT_REST = values.FINAL_STATES | {values.CampaignState.PAUSED}
+AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
 log = structlog.get_logger()
 
 
 AFTER = {
-    values.CampaignState.PAUSING: values.CampaignState.PAUSED,
-    values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
+    CampaignState.PAUSING: CampaignState.PAUSED,
+    CampaignState.CANCELLING: CampaignState.CANCELLED,
 }
 """State of a campaign after a user's request has taken effect, by the state that requests it."""
 
 
-def may_run(campaign: values.Campaign, job: Job, store: Store) -> bool:
+def may_run(campaign: Campaign, job: Job, store: Store) -> bool:
     """Return whether a claimed campaign may run here; one that may not is paused."""
     try:
         world_of(campaign.spec.simulator).refuse_unlisted(campaign.spec.planner)
@@ -227,7 +227,7 @@ def may_run(campaign: values.Campaign, job: Job, store: Store) -> bool:
     return True
 
 
-def set_aside_declined(campaign: values.Campaign, job: Job, store: Store, reason: str) -> None:
+def set_aside_declined(campaign: Campaign, job: Job, store: Store, reason: str) -> None:
     """Pause a campaign of which a worker can run no episode, with the reason and the remedy."""
     remedy = (
         f"Launch a corrected one: eigenfail campaign clone {campaign.id} --set FIELD=VALUE. If the "
@@ -236,16 +236,16 @@ def set_aside_declined(campaign: values.Campaign, job: Job, store: Store, reason
     _set_aside(campaign, job, store, f"{reason} {remedy}")
 
 
-def _set_aside(campaign: values.Campaign, job: Job, store: Store, because: str) -> None:
+def _set_aside(campaign: Campaign, job: Job, store: Store, because: str) -> None:
     """Pause a campaign, or cancel it if a user asked for that.
 
     In the queue it would be claimed again and again, until it counts as dead.
     """
     move, state = store.campaigns.move, campaign.state
     try:
-        if state is values.CampaignState.RUNNING:
-            state = move(campaign.id, values.CampaignState.PAUSING, because, job).state
-        move(campaign.id, AFTER.get(state, values.CampaignState.PAUSED), because, job)
+        if state is CampaignState.RUNNING:
+            state = move(campaign.id, CampaignState.PAUSING, because, job).state
+        move(campaign.id, AFTER.get(state, CampaignState.PAUSED), because, job)
     except (
         errors.IllegalTransition,
         errors.ClaimLost,
@@ -335,11 +335,11 @@ class Supervisor:
             return
         if not may_run(campaign, job, self._store):
             return
-        if campaign.state is not values.CampaignState.QUEUED:
+        if campaign.state is not CampaignState.QUEUED:
             self._launch(campaign, job)
             return
         try:
-            moved = self._store.campaigns.move(campaign.id, values.CampaignState.RUNNING, claim=job)
+            moved = self._store.campaigns.move(campaign.id, CampaignState.RUNNING, claim=job)
         except (
             errors.IllegalTransition,
             errors.ClaimLost,
@@ -348,13 +348,13 @@ class Supervisor:
             return
         self._launch(moved, job)
 
-    def _launch(self, campaign: values.Campaign, job: Job) -> None:
+    def _launch(self, campaign: Campaign, job: Job) -> None:
         spec = campaign.spec
         try:
             context = learner_context(campaign, self._store)
         except (errors.InputError, errors.NotFound, errors.Conflict) as error:
             with contextlib.suppress(errors.ClaimLost):
-                self._store.campaigns.move(campaign.id, values.CampaignState.DEAD, str(error), job)
+                self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
         # The versions are stored before an episode runs, so that no result has unknown versions.
@@ -461,12 +461,12 @@ class Supervisor:
         log.info("campaign ended", campaign=ended.campaign, state=to, because=because)
 
     def _verdict(
-        self, state: values.CampaignState, watch: SupervisedCampaign, ended: FinishedRun
-    ) -> tuple[values.CampaignState, str]:
+        self, state: CampaignState, watch: SupervisedCampaign, ended: FinishedRun
+    ) -> tuple[CampaignState, str]:
         if ended.problem:
-            return values.CampaignState.DEAD, ended.problem
+            return CampaignState.DEAD, ended.problem
         # A rule on time or cost halts a campaign as well, and ends it as planned: done, not
         # cancelled.
         if watch.halting and not watch.rule_held:
             return AFTER[state], BY_USER
-        return values.CampaignState.DONE, ended.stopped_because or watch.rule_held
+        return CampaignState.DONE, ended.stopped_because or watch.rule_held

@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from eigenfail.bridges import BridgeOffer
 from eigenfail.errors import InvalidValue, UnknownName, is_unsafe
 from eigenfail.settings import LARGEST_INTEGER, convert, list_values
-from eigenfail.values import CampaignSpec
-from eigenfail.values.campaign_spec import RESULT_RULES
+from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns import resolution

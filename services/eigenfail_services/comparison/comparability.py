@@ -11,14 +11,10 @@ from msgspec.structs import replace
 from eigenfail.contracts import Injection
 from eigenfail.methods import traits_of
 from eigenfail.suites import KeyPath, list_leaves
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    EpisodeResult,
-    PairTotals,
-    Priority,
-)
-from eigenfail.values.comparison import Distinction
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec, Priority
+from eigenfail.values.comparison import Distinction, PairTotals
+from eigenfail.values.episode import EpisodeResult
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.resolution import fill_defaults
 from eigenfail_services.store import Store

@@ -6,12 +6,14 @@ from typing import Any
 
 import msgspec
 
-from eigenfail import plugins, values
+from eigenfail import plugins
 from eigenfail.errors import EigenfailError
 from eigenfail.methods import traits_of
 from eigenfail.settings import defaults_of
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
+from eigenfail.values.estimates import Rate
 from eigenfail.values.requirements import COLLISION_ALONE
 from eigenfail.worlds import PluginField, world_of
 from eigenfail_services.analysis import campaign_figures
@@ -19,7 +21,7 @@ from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.comparison.seeds import price_over_seeds
 from eigenfail_services.statistics.seed_spread import PairSums
 
-ReadCampaign = Callable[[int], values.Campaign]
+ReadCampaign = Callable[[int], Campaign]
 
 # Unlike every default, None among them.
 NEW = object()
@@ -154,7 +156,7 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
     )
 
 
-def _make_pooled_rate(pool: Pool, design: SamplingDesign) -> values.Rate | None:
+def _make_pooled_rate(pool: Pool, design: SamplingDesign) -> Rate | None:
     if not pool.completed:
         return None
     doubtful = min(pool.unresolved, pool.completed - pool.failures)

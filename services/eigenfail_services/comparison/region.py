@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from eigenfail import logs, processes
 from eigenfail.errors import InvalidValue
 from eigenfail.processes import answer
-from eigenfail.values import Campaign, CampaignSpec, Region
-from eigenfail.values.comparison import MOST_TRIALS
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.comparison import MOST_TRIALS, Region
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.region import RegionQuestion, find_failing_region
 from eigenfail_services.analysis.sampling_design import SamplingDesign

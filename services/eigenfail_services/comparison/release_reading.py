@@ -8,7 +8,10 @@ import numpy as np
 
 from eigenfail.errors import InputError
 from eigenfail.methods import traits_of
-from eigenfail.values import FINAL_STATES, AnalysisResult, Campaign, CampaignSpec, Rate
+from eigenfail.values.analysis import AnalysisResult
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Rate
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import FailureCourse
 from eigenfail.values.release import Release

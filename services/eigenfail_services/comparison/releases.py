@@ -12,7 +12,9 @@ from eigenfail.errors import NotFound
 from eigenfail.methods import traits_of
 from eigenfail.presentation.figures import format_number, format_upper_bound, round_up
 from eigenfail.presentation.rates import format_rate
-from eigenfail.values import Campaign, Mode, release
+from eigenfail.values import release
+from eigenfail.values.analysis import Mode
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import describe_requirements
 from eigenfail_services.analysis import mode_matching

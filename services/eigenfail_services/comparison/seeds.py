@@ -11,9 +11,12 @@ from eigenfail.errors import NotFound
 from eigenfail.intervals import ERROR, find_upper_bound
 from eigenfail.presentation.rates import explain_design, format_counted_rate
 from eigenfail.suites import KeyPath, format_value, shorten_paths
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Rate, Summary
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Cost, Rate
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
+from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign

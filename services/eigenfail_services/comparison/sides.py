@@ -9,19 +9,10 @@ from eigenfail.errors import InvalidValue
 from eigenfail.intervals import difference, mcnemar, paired_difference
 from eigenfail.presentation import figures
 from eigenfail.presentation.rates import explain_design, format_counted_rate, format_rate
-from eigenfail.values import (
-    FINAL_STATES,
-    Campaign,
-    CampaignSpec,
-    Comparison,
-    Cost,
-    Difference,
-    EffectSize,
-    Interval,
-    McNemar,
-    Rate,
-    Side,
-)
+from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.comparison import Comparison, Difference, EffectSize, McNemar, Side
+from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign

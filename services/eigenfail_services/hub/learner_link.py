@@ -23,7 +23,9 @@ from eigenfail.processes import (
     kill_group,
     wait_for_exit,
 )
-from eigenfail.values import Estimate, Policy, TrajectorySource
+from eigenfail.values.episode import TrajectorySource
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import Policy
 from eigenfail.wire import messages
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 

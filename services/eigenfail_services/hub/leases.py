@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from eigenfail.values import EpisodeTask
+from eigenfail.values.episode import EpisodeTask
 from eigenfail.wire.messages import Hello, is_same_task
 from eigenfail_services.hub import worker_table
 from eigenfail_services.hub.scheduler import Assignment, Scheduler

@@ -21,7 +21,7 @@ from prometheus_client.core import GaugeMetricFamily, HistogramMetricFamily, Met
 from prometheus_client.registry import Collector
 from prometheus_client.utils import floatToGoString
 
-from eigenfail.values import Overhead
+from eigenfail.values.campaign import Overhead
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.learner_link import FailureKind
 

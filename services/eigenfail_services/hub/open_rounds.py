@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterable
 import msgspec
 import numpy as np
 
-from eigenfail import values
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, EpisodeTask
+from eigenfail.values.learning import Policy, Round
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.store import Store
@@ -20,18 +22,18 @@ class RoundCollector:
     """Collects results until the oldest round is complete, and returns them in index order."""
 
     def __init__(self) -> None:
-        self._rounds: dict[int, values.Round] = {}
-        self._tasks: dict[int, values.EpisodeTask] = {}
-        self._results: dict[int, values.EpisodeResult] = {}
+        self._rounds: dict[int, Round] = {}
+        self._tasks: dict[int, EpisodeTask] = {}
+        self._results: dict[int, EpisodeResult] = {}
         # Counted, since the oldest round is asked for at each turn of the hub.
         self._missing: dict[int, int] = {}
         self._round_of: dict[int, int] = {}
 
-    def list_new_tasks(self, rounds: Iterable[values.Round]) -> tuple[values.EpisodeTask, ...]:
+    def list_new_tasks(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
         """Return the tasks of those rounds that are not open."""
         return tuple(task for r in rounds if r.number not in self._rounds for task in r.tasks)
 
-    def open(self, rounds: Iterable[values.Round]) -> tuple[values.EpisodeTask, ...]:
+    def open(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
         """Open those rounds that are not open, and return their tasks."""
         fresh = [r for r in rounds if r.number not in self._rounds]
         for r in fresh:
@@ -41,7 +43,7 @@ class RoundCollector:
             self._round_of.update((task.index, r.number) for task in r.tasks)
         return tuple(task for r in fresh for task in r.tasks)
 
-    def find_pending_task(self, index: int) -> values.EpisodeTask | None:
+    def find_pending_task(self, index: int) -> EpisodeTask | None:
         """Return the task of an episode of an open round that has no result yet."""
         return None if index in self._results else self._tasks.get(index)
 
@@ -49,7 +51,7 @@ class RoundCollector:
         """Return the number of results that open rounds still need."""
         return sum(self._missing.values())
 
-    def add(self, result: values.EpisodeResult) -> None:
+    def add(self, result: EpisodeResult) -> None:
         """Add a result; one that no open round needs is ignored."""
         number = self._round_of.get(result.index)
         if number is None:
@@ -58,7 +60,7 @@ class RoundCollector:
             self._missing[number] -= 1
         self._results[result.index] = result
 
-    def pop_complete(self) -> tuple[values.EpisodeResult, ...] | None:
+    def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
         """Close the oldest round and return its results, if all are there."""
         if not self._rounds:
             return None
@@ -72,7 +74,7 @@ class RoundCollector:
             del self._tasks[index], self._round_of[index]
         return tuple(self._results.pop(index) for index in indices)
 
-    def find_policy(self, version: int) -> values.Policy:
+    def find_policy(self, version: int) -> Policy:
         """Return a policy of an open round.
 
         Raises:
@@ -111,21 +113,21 @@ class OpenRounds:
         self._campaign = campaign
         self._form = form
         nothing = np.zeros((0, form.channels), np.float32)
-        self._no_noise = values.NoiseTrajectory(nothing, nothing)
+        self._no_noise = NoiseTrajectory(nothing, nothing)
         self._store = store
         self._leases = leases
         self._observes = observes
         self._collector = RoundCollector()
         self._to_look_up: set[int] = set()
         self._refusals = Counter[int]()
-        self._handlers: dict[Verdict, Callable[[values.EpisodeResult], None]] = {
+        self._handlers: dict[Verdict, Callable[[EpisodeResult], None]] = {
             Verdict.KEPT: self._add,
             Verdict.DUPLICATE: self._look_up,
             Verdict.ALARM: self._look_up,
             Verdict.UNWANTED: self._offer_again,
         }
 
-    def open(self, rounds: Iterable[values.Round]) -> None:
+    def open(self, rounds: Iterable[Round]) -> None:
         """Offer the episodes of new rounds to workers, except those that have a result.
 
         Raises:
@@ -141,7 +143,7 @@ class OpenRounds:
         for result in finished:
             self._collector.add(self._reduce(result))
 
-    def take_verdict(self, result: values.EpisodeResult, verdict: Verdict) -> None:
+    def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
         """Add, look up or request again a result, by the store's verdict on it."""
         self._handlers[verdict](result)
 
@@ -160,7 +162,7 @@ class OpenRounds:
         self._to_look_up.clear()
         return len(kept)
 
-    def pop_complete(self) -> tuple[values.EpisodeResult, ...] | None:
+    def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
         """Close the oldest round and return its results, if all are there."""
         return self._collector.pop_complete()
 
@@ -168,7 +170,7 @@ class OpenRounds:
         """Return the number of results that open rounds still need."""
         return self._collector.count_pending()
 
-    def find_policy(self, version: int) -> values.Policy:
+    def find_policy(self, version: int) -> Policy:
         """Return a policy of an open round.
 
         Raises:
@@ -176,27 +178,27 @@ class OpenRounds:
         """
         return self._collector.find_policy(version)
 
-    def _add(self, result: values.EpisodeResult) -> None:
+    def _add(self, result: EpisodeResult) -> None:
         # The episode may have been proposed after its result came and before that was committed.
         if self._leases.needs_result(self._campaign, result.index):
             self._leases.complete(self._campaign, result.index, wall_s=0.0)
         self._collector.add(self._reduce(result))
 
-    def _reduce(self, result: values.EpisodeResult) -> values.EpisodeResult:
+    def _reduce(self, result: EpisodeResult) -> EpisodeResult:
         """Return what the learner is to observe of a result."""
         if not self._observes:
             identity = result.index, result.seed, result.outcome, result.steps
-            return values.EpisodeResult(*identity, self._no_noise, result.source)
+            return EpisodeResult(*identity, self._no_noise, result.source)
         # It must see the same numbers as one that starts again and reads from the store.
         kept = make_storable(result, self._form)
         return kept if kept.scene is None else msgspec.structs.replace(kept, scene=None)
 
-    def _look_up(self, result: values.EpisodeResult) -> None:
+    def _look_up(self, result: EpisodeResult) -> None:
         """Look up the first result of an episode: it may have come to another hub."""
         if self._collector.find_pending_task(result.index) is not None:
             self._to_look_up.add(result.index)
 
-    def _offer_again(self, result: values.EpisodeResult) -> None:
+    def _offer_again(self, result: EpisodeResult) -> None:
         """Offer the episode of a refused result again, up to `MAX_REFUSALS` times."""
         task = self._collector.find_pending_task(result.index)
         if task is None:

@@ -8,7 +8,9 @@ import msgspec
 import structlog
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values import EpisodeSetup, LearnerContext, Policy, StopRules
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import EpisodeSetup
+from eigenfail.values.learning import LearnerContext, Policy
 from eigenfail.values.records import Job, Verdict
 from eigenfail.wire.messages import Diverged, Message, Observed, Proposed, Start, Trouble
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds

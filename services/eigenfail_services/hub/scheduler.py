@@ -7,7 +7,7 @@ from math import ceil, inf
 
 import msgspec
 
-from eigenfail.values import EpisodeTask
+from eigenfail.values.episode import EpisodeTask
 from eigenfail_services.hub import worker_table
 
 NORMAL = 1.0

@@ -11,7 +11,7 @@ import structlog
 from eigenfail.bridges import MAX_OFFER_BYTES
 from eigenfail.errors import ProtocolError
 from eigenfail.processes import COMMON_PROCESSOR
-from eigenfail.values import EpisodeTask, PolicySource
+from eigenfail.values.episode import EpisodeTask, PolicySource
 from eigenfail.values.operations import Versions
 from eigenfail.versions import versions
 from eigenfail.wire import messages

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import structlog
 
-from eigenfail.values import EpisodeTask
+from eigenfail.values.episode import EpisodeTask
 from eigenfail.values.operations import Arrival
 from eigenfail.wire.messages import FINISHED, Hello, Holding
 from eigenfail_services.store.events import EventLog

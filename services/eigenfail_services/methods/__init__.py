@@ -3,7 +3,8 @@
 from math import nan
 from typing import Any, Protocol, runtime_checkable
 
-from eigenfail.values import Campaign, EpisodeResult, Outcome
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.estimates import ChainMixing
 
 

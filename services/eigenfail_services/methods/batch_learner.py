@@ -14,7 +14,9 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource, learning
+from eigenfail.values import learning
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail_services.methods import archive, robustness_m
 from eigenfail_services.statistics.batches import Array, Requester, Requests
 

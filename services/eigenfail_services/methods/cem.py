@@ -10,16 +10,10 @@ from msgspec.structs import astuple
 from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits, ModeProbability
-from eigenfail.values import (
-    EpisodeResult,
-    Estimate,
-    Floats,
-    LearnerContext,
-    Outcome,
-    Proposal,
-    RoundSizes,
-    TrajectorySource,
-)
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive, robustness_m
 from eigenfail_services.statistics.importance import WeightedFailures, explain_nothing_counted
 

@@ -7,9 +7,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive, robustness_m
 from eigenfail_services.methods.evolution import (
     Array,
@@ -88,7 +90,7 @@ class Score(msgspec.Struct, frozen=True, order=True):
     squares: float
 
 
-def score_episode(result: values.EpisodeResult) -> Score:
+def score_episode(result: EpisodeResult) -> Score:
     """Return the score of an episode, whose noise counts up to its end as injected."""
     robustness = robustness_m(result)
     if not isfinite(robustness):
@@ -211,7 +213,7 @@ class CovarianceAdaptation:
     traits = MethodTraits(chart_mark=10, references={})
     lookahead = CmaSettings().runs - 1
 
-    def __init__(self, context: values.LearnerContext, settings: CmaSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: CmaSettings) -> None:
         dimension = context.channels * ceil(context.horizon / settings.hold)
         check_size(dimension, settings)
         self.lookahead = settings.runs - 1
@@ -225,24 +227,22 @@ class CovarianceAdaptation:
         ]
 
     @staticmethod
-    def round_sizes(settings: CmaSettings, _episodes: int) -> values.RoundSizes:
+    def round_sizes(settings: CmaSettings, _episodes: int) -> RoundSizes:
         """Return the size of a generation for all rounds."""
-        return values.RoundSizes(settings.population, settings.population, "population")
+        return RoundSizes(settings.population, settings.population, "population")
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return the rest of the generation of the run whose turn it is."""
         run = self._runs[self._facts.proposed % len(self._runs)]
         self._facts = self._Facts(self._facts.proposed + 1, self._facts.observed)
-        return values.Proposal(
-            tuple(values.TrajectorySource(self._hold(x)) for x in run.take_candidates(n))
-        )
+        return Proposal(tuple(TrajectorySource(self._hold(x)) for x in run.take_candidates(n)))
 
-    def _hold(self, candidate: Array) -> values.Floats:
+    def _hold(self, candidate: Array) -> Floats:
         knots = candidate.reshape(-1, self._channels).astype(np.float32)
         # The last value is cut where the horizon is not a multiple of `hold`.
         return np.repeat(knots, self._settings.hold, axis=0)[: self._horizon]
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Give the scores of a round to its run."""
         # Rounds are observed in the order in which they were proposed: the turn says whose they
         # are.

@@ -14,16 +14,10 @@ from eigenfail import plugins
 from eigenfail.contracts import Estimator, Exploiter, Learner, MethodTraits, Trained
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    EpisodeResult,
-    Estimate,
-    LearnerContext,
-    Policy,
-    PolicySource,
-    Proposal,
-)
 from eigenfail.values.arrays import decode_array, encode_array
-from eigenfail.values.episode import MAX_SEED
+from eigenfail.values.episode import MAX_SEED, EpisodeResult, PolicySource
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Policy, Proposal
 from eigenfail_services.methods import archive, check_budget
 from eigenfail_services.statistics.pooled_estimate import pool_estimates
 

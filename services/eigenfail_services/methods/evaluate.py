@@ -6,10 +6,12 @@ from typing import Annotated, Protocol, runtime_checkable
 import msgspec
 import numpy as np
 
-from eigenfail import contracts, plugins, values
+from eigenfail import contracts, plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Predecessor, Proposal, count_rounds_ahead
 from eigenfail_services.methods import archive
 from eigenfail_services.statistics.importance import WeightedFailures
 
@@ -18,12 +20,10 @@ from eigenfail_services.statistics.importance import WeightedFailures
 class Weigher(Protocol):
     """An exploiter whose draws have a known density q, from which P(failure) is estimated."""
 
-    def weigh(
-        self, sums: WeightedFailures, results: Sequence[values.EpisodeResult]
-    ) -> WeightedFailures:
+    def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
         """Return the sums with episodes of `exploit`, weighted by its present density."""
 
-    def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
+    def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
         """Return the estimate from some sums; None where there is none.
 
         Args:
@@ -82,7 +82,7 @@ class Evaluate:
     )
     lookahead = 3
 
-    def __init__(self, context: values.LearnerContext, settings: EvaluateSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: EvaluateSettings) -> None:
         self._campaign = settings.campaign
         self._round_size = settings.round_size
         self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
@@ -92,7 +92,7 @@ class Evaluate:
         self._proposed = 0
         self._sums = WeightedFailures()
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return a round of exploiting episodes.
 
         Raises:
@@ -102,7 +102,7 @@ class Evaluate:
         for source in proposal.sources:
             # A trajectory of another length would be cut, or filled with zeros that nobody has
             # learnt.
-            if isinstance(source, values.TrajectorySource) and len(source.z) != self._horizon:
+            if isinstance(source, TrajectorySource) and len(source.z) != self._horizon:
                 raise InvalidValue(
                     "settings.campaign",
                     f"campaign {self._campaign} learnt noise of {len(source.z)} steps, but an "
@@ -113,12 +113,12 @@ class Evaluate:
         self._proposed += len(proposal.sources)
         return proposal
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Add the weights of episodes whose density is known; nothing is learnt."""
         if isinstance(self._learner, Weigher):
             self._sums = self._learner.weigh(self._sums, results)
 
-    def estimate(self) -> values.Estimate | None:
+    def estimate(self) -> Estimate | None:
         """Return the failure probability from all episodes; None for an unknown density."""
         weigher = self._learner
         return (
@@ -143,7 +143,7 @@ class Evaluate:
         self._proposed, self._sums = facts.proposed, facts.sums
 
 
-def restore_learner(context: values.LearnerContext, campaign: int) -> contracts.Learner:
+def restore_learner(context: LearnerContext, campaign: int) -> contracts.Learner:
     """Return the learner of an earlier campaign in its last state, with this campaign's seed.
 
     Raises:
@@ -152,7 +152,7 @@ def restore_learner(context: values.LearnerContext, campaign: int) -> contracts.
     """
     before = _find_predecessor(context, campaign)
     method = plugins.load(plugins.METHODS, before.method)
-    own = values.LearnerContext(
+    own = LearnerContext(
         seed=context.seed,
         episodes=before.episodes,
         horizon=before.horizon,
@@ -164,7 +164,7 @@ def restore_learner(context: values.LearnerContext, campaign: int) -> contracts.
     return learner
 
 
-def _find_predecessor(context: values.LearnerContext, campaign: int) -> values.Predecessor:
+def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
     """Return an earlier campaign from the context."""
     if (before := context.predecessor(campaign)) is not None:
         return before
@@ -175,7 +175,7 @@ def _find_predecessor(context: values.LearnerContext, campaign: int) -> values.P
     )
 
 
-def _get_exploit(learner: contracts.Learner, campaign: int) -> Callable[[int], values.Proposal]:
+def _get_exploit(learner: contracts.Learner, campaign: int) -> Callable[[int], Proposal]:
     """Return the learner's `exploit`."""
     if isinstance(learner, contracts.Exploiter):
         return learner.exploit

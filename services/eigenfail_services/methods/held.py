@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 
 from eigenfail.contracts import MethodTraits
-from eigenfail.values import EpisodeResult, Floats, LearnerContext, Proposal, TrajectorySource
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
 from eigenfail_services.methods import archive
 
 

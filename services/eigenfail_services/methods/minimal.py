@@ -6,9 +6,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.minimal_search import (
     NOT_RUN,
@@ -92,7 +94,7 @@ class Minimal:
     )
     lookahead = 0
 
-    def __init__(self, context: values.LearnerContext, settings: MinimalSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: MinimalSettings) -> None:
         if len(context.trajectories) != 1:
             raise InvalidValue(
                 "settings",
@@ -103,13 +105,13 @@ class Minimal:
         self._search = start_search(np.ascontiguousarray(context.trajectories[0], np.float32))
         self._ends: tuple[int, ...] = ()
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return the next candidates of this phase; none after the end of the search."""
         first = len(self._ends)
         tried = list_candidates(self._search)[first : first + min(n, self._round_size)]
-        return values.Proposal(tuple(values.TrajectorySource(z) for z in tried))
+        return Proposal(tuple(TrajectorySource(z) for z in tried))
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Add the ends of candidates; after the last one of a phase, go on to the next.
 
         Raises:
@@ -164,20 +166,20 @@ class Minimal:
         self._ends = facts.ends
 
 
-def _find_end(result: values.EpisodeResult) -> int:
+def _find_end(result: EpisodeResult) -> int:
     """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
     if result.is_failure:
         return result.steps
-    return NOT_RUN if result.outcome is values.Outcome.ERRORED else SAFE
+    return NOT_RUN if result.outcome is Outcome.ERRORED else SAFE
 
 
-def _refuse_safe_replay(result: values.EpisodeResult) -> None:
+def _refuse_safe_replay(result: EpisodeResult) -> None:
     """Refuse a failure that does not reproduce.
 
     Raises:
         LearnerFailed: its replay ended without a collision.
     """
-    if result.outcome is not values.Outcome.SAFE:
+    if result.outcome is not Outcome.SAFE:
         return
     nearest = f"{result.measures.distance_m:.2f} m" if result.measures else "something"
     raise LearnerFailed(
@@ -187,7 +189,7 @@ def _refuse_safe_replay(result: values.EpisodeResult) -> None:
     )
 
 
-def read_state(state: bytes) -> tuple[MinimalFacts, values.Floats]:
+def read_state(state: bytes) -> tuple[MinimalFacts, Floats]:
     """Return the facts in a state of this method, and its noise of shape (steps, channels).
 
     Raises:

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 
 Mask = NDArray[np.bool_]
 

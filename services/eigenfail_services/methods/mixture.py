@@ -7,7 +7,8 @@ import msgspec
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Estimate, LearnerContext
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.batch_learner import BatchLearner, check_values
 from eigenfail_services.statistics import mixture_sampling, pooled_estimate
 from eigenfail_services.statistics.intervals import log_normal

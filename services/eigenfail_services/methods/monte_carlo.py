@@ -6,8 +6,8 @@ from typing import Annotated
 import msgspec
 
 from eigenfail.contracts import MethodTraits, ModeProbability
-from eigenfail.values import EpisodeResult, LearnerContext, PriorSource, Proposal
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.episode import EpisodeResult, PriorSource
+from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
 from eigenfail_services.methods import archive
 
 

@@ -13,9 +13,12 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal
+from eigenfail.values.proof import ReplayKind
 from eigenfail_services.methods import archive
 
 GRID = 8
@@ -121,9 +124,9 @@ class NearestSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
     ] = ()
     what: Annotated[
-        tuple[values.ReplayKind, ...],
+        tuple[ReplayKind, ...],
         msgspec.Meta(description="the two ends of a way: eigenfailure, then medoid"),
-    ] = (values.ReplayKind.EIGENFAILURE, values.ReplayKind.MEDOID)
+    ] = (ReplayKind.EIGENFAILURE, ReplayKind.MEDOID)
 
 
 class NearestFailingPoint:
@@ -159,7 +162,7 @@ class NearestFailingPoint:
     )
     lookahead = 0
 
-    def __init__(self, context: values.LearnerContext, _settings: NearestSettings) -> None:
+    def __init__(self, context: LearnerContext, _settings: NearestSettings) -> None:
         count = len(context.trajectories)
         if not count or count % 2:
             raise InvalidValue(
@@ -171,19 +174,19 @@ class NearestFailingPoint:
         self._centres, self._medoids = context.trajectories[:half], context.trajectories[half:]
         self._search = NearestSearch(half)
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return the next points of all modes; none once all are searched."""
         opened = self._search.open(n)
-        return values.Proposal(
+        return Proposal(
             tuple(
-                values.TrajectorySource(
+                TrajectorySource(
                     mix_noise(self._centres[each.mode], self._medoids[each.mode], each.t)
                 )
                 for each in opened
             )
         )
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Record which points failed; one that errored counts as a point that did not."""
         self._search.close([result.is_failure for result in results])
 
@@ -201,10 +204,10 @@ class NearestFailingPoint:
         self._search = NearestSearch(len(self._centres), facts.trials)
 
 
-def mix_noise(centre: values.Floats, medoid: values.Floats, t: float) -> values.Floats:
+def mix_noise(centre: Floats, medoid: Floats, t: float) -> Floats:
     """Return (1 − t) · centre + t · medoid, shape (steps, channels) [sigma].
 
     A medoid's noise is 0 after its collision, which ended the episode.
     """
-    mixed: values.Floats = np.float32(1.0 - t) * centre + np.float32(t) * medoid
+    mixed: Floats = np.float32(1.0 - t) * centre + np.float32(t) * medoid
     return mixed

@@ -6,10 +6,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
+from eigenfail.values.proof import ReplayKind
 from eigenfail_services.methods import archive
 
 Id = Annotated[int, msgspec.Meta(ge=1)]
@@ -22,9 +23,9 @@ class ReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         None
     )
     what: Annotated[
-        tuple[values.ReplayKind, ...],
+        tuple[ReplayKind, ...],
         msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
-    ] = (values.ReplayKind.EIGENFAILURE,)
+    ] = (ReplayKind.EIGENFAILURE,)
     modes: Annotated[
         tuple[Id, ...],
         msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
@@ -78,7 +79,7 @@ class Replay:
     )
     lookahead = 3
 
-    def __init__(self, context: values.LearnerContext, settings: ReplaySettings) -> None:
+    def __init__(self, context: LearnerContext, settings: ReplaySettings) -> None:
         if not len(context.trajectories):
             raise InvalidValue(
                 "settings",
@@ -93,19 +94,19 @@ class Replay:
         self._total = len(context.trajectories) * settings.repeats
         self._proposed = 0
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return the next trajectories; none after the last pass."""
         first = self._proposed
         self._proposed = min(first + min(n, self._round_size), self._total)
         count = len(self._trajectories)
-        return values.Proposal(
+        return Proposal(
             tuple(
-                values.TrajectorySource(self._trajectories[i % count])
+                TrajectorySource(self._trajectories[i % count])
                 for i in range(first, self._proposed)
             )
         )
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Do nothing: replay does not learn."""
 
     def state(self) -> bytes:

@@ -7,9 +7,18 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from eigenfail import values
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import (
+    EpisodeResult,
+    Importance,
+    Outcome,
+    PriorSource,
+    TrajectorySource,
+)
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.batch_learner import limit_round
 from eigenfail_services.statistics import multilevel_splitting
@@ -57,12 +66,12 @@ class SplittingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(gt=0.0, le=0.5, description="share of them that is given up at a level")
     ] = 0.1
     importance: Annotated[
-        values.Importance,
+        Importance,
         Meta(
             description="what tells how close an episode is to a collision: `required_braking`, "
             "`time_to_collision` or `distance`"
         ),
-    ] = values.Importance.REQUIRED_BRAKING
+    ] = Importance.REQUIRED_BRAKING
     round_size: Annotated[
         int, Meta(ge=1, le=100_000, description="episodes in a round at most")
     ] = 10_000
@@ -124,7 +133,7 @@ class MultilevelSplitting:
         counts: tuple[multilevel_splitting.SplittingCounts, ...]
         plain: PlainCounts
 
-    def __init__(self, context: values.LearnerContext, settings: SplittingSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: SplittingSettings) -> None:
         settings.check_budget(context.episodes)
         self._settings = settings
         self._budget = context.episodes
@@ -138,11 +147,11 @@ class MultilevelSplitting:
         ]
         self._proposed, self._episodes_run, self._errored = 0, 0, 0
         self._wave = self._join_waves()
-        self._importances: list[values.Floats | None] = []
+        self._importances: list[Floats | None] = []
         self._failed: list[bool] = []
         self._plain = PlainCounts()
 
-    def _join_waves(self) -> values.Floats:
+    def _join_waves(self) -> Floats:
         """Return the next episodes of all runs; none after their end, and after one is in vain."""
         waves = [run.wave.z for run in self._runs if run.wave is not None]
         if self._count_unfaithful():
@@ -154,7 +163,7 @@ class MultilevelSplitting:
     def _count_unfaithful(self) -> int:
         return sum(run.counts.unfaithful for run in self._runs)
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return the rest of the level of all runs, at most a round.
 
         After the end of all runs: plain draws if these give no number, else nothing.
@@ -165,19 +174,19 @@ class MultilevelSplitting:
         chosen = self._wave[self._proposed : self._proposed + count]
         self._proposed += len(chosen)
         importance = self._settings.importance
-        return values.Proposal(tuple(values.TrajectorySource(z, importance) for z in chosen))
+        return Proposal(tuple(TrajectorySource(z, importance) for z in chosen))
 
-    def _propose_plain(self, n: int) -> values.Proposal:
+    def _propose_plain(self, n: int) -> Proposal:
         left = self._budget - self._count_seen() - self._proposed
         count = min(n, left) if self._explain_refusal() else 0
         self._proposed += count
-        return values.Proposal((values.PriorSource(),) * count)
+        return Proposal((PriorSource(),) * count)
 
     def _count_seen(self) -> int:
         """Return the number of episodes of complete levels, and of plain draws with a result."""
         return self._episodes_run + self._errored + self._plain.draws
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Add the results of episodes. A complete level leads to the next one.
 
         Raises:
@@ -187,7 +196,7 @@ class MultilevelSplitting:
             self._count_plain(results)
             return
         for result in results:
-            is_lost = result.outcome is values.Outcome.ERRORED
+            is_lost = result.outcome is Outcome.ERRORED
             if not is_lost and result.importance is None:
                 raise LearnerFailed(
                     f"Episode {result.index} came without the importance of its steps.",
@@ -201,12 +210,12 @@ class MultilevelSplitting:
         if len(self._failed) == len(self._wave):
             self._finish_wave()
 
-    def _count_plain(self, results: Sequence[values.EpisodeResult]) -> None:
+    def _count_plain(self, results: Sequence[EpisodeResult]) -> None:
         before = self._plain
         self._plain = PlainCounts(
             before.draws + len(results),
             before.failures + sum(result.is_failure for result in results),
-            before.errored + sum(result.outcome is values.Outcome.ERRORED for result in results),
+            before.errored + sum(result.outcome is Outcome.ERRORED for result in results),
         )
         self._proposed -= len(results)
 
@@ -220,16 +229,16 @@ class MultilevelSplitting:
         self._wave = self._join_waves()
         self._proposed, self._importances, self._failed = 0, [], []
 
-    def estimate(self) -> values.Estimate | None:
+    def estimate(self) -> Estimate | None:
         """Return the failure probability; before the end of all runs, why there is none."""
         episodes = self._episodes_run
         if problem := self._explain_refusal():
-            refused = values.Estimate(by=BY, episodes=episodes, problem=problem)
+            refused = Estimate(by=BY, episodes=episodes, problem=problem)
             # Only once the budget is spent: to stop at a failure would make the share too large.
             has_drawn = self._plain.draws and self._count_seen() == self._budget
             return estimate_from_draws(refused, self._plain) if has_drawn else refused
         pooled = self._pool()
-        return values.Estimate(
+        return Estimate(
             by=BY,
             episodes=episodes,
             probability=pooled.probability,

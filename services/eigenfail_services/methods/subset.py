@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Estimate, LearnerContext, RoundSizes
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, RoundSizes
 from eigenfail_services.methods.batch_learner import (
     BatchLearner,
     SimulationDriver,

@@ -8,12 +8,9 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import Z
-from eigenfail.values import (
-    EffectSize,
-    Figure,
-    Interval,
-)
-from eigenfail.values.comparison import Magnitude
+from eigenfail.values.comparison import EffectSize, Magnitude
+from eigenfail.values.estimates import Interval
+from eigenfail.values.safety import Figure
 
 SIGNIFICANCE = 0.05
 

@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Estimate, NoiseTrajectory
-from eigenfail.values.estimates import IMPORTANCE_SAMPLING, ONE_REGION
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.estimates import IMPORTANCE_SAMPLING, ONE_REGION, Estimate
 from eigenfail.values.shapes import ChannelShape, Markov, NoiseShape, PerChannel, Row
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 

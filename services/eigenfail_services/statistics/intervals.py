@@ -5,7 +5,7 @@ from math import exp, inf, lgamma, log, sqrt
 from statistics import NormalDist
 
 from eigenfail.intervals import ERROR, find_interval, refuse_no_share
-from eigenfail.values import Interval, Rate
+from eigenfail.values.estimates import Interval, Rate
 
 
 def rate(k: int, n: int, errored: int = 0, unresolved: int = 0) -> Rate:

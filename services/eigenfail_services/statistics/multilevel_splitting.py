@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 from eigenfail_services.statistics.batches import Array
 from eigenfail_services.statistics.subset_estimate import count_effective
 

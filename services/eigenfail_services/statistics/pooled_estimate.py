@@ -11,8 +11,7 @@ from math import fsum, hypot, inf, log, log1p, prod, sqrt
 from statistics import stdev
 
 from eigenfail.intervals import ERROR, find_upper_bound
-from eigenfail.values import Estimate, Interval
-from eigenfail.values.estimates import BY_MONTE_CARLO
+from eigenfail.values.estimates import BY_MONTE_CARLO, Estimate, Interval
 from eigenfail_services.statistics import intervals, subset_estimate, subset_simulation
 
 # Of one side: 99.9 % of the differences of two estimates that agree are smaller.

@@ -8,7 +8,7 @@ import numpy as np
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import ERROR
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail.values.seeds import SeedFigure
 from eigenfail_services.statistics.intervals import find_quantile
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.intervals import ERROR
-from eigenfail.values import Interval, Rate
+from eigenfail.values.estimates import Interval, Rate
 from eigenfail_services.statistics.intervals import clopper_pearson
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_services.statistics.conditional_sampler import Chains
 from eigenfail_services.statistics.intervals import log_normal
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import ERROR
-from eigenfail.values import Figure, Interval, SeverityRisk
+from eigenfail.values.estimates import Interval
+from eigenfail.values.safety import Figure, SeverityRisk
 
 Array = NDArray[np.float64]
 

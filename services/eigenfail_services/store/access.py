@@ -7,7 +7,9 @@ import sqlalchemy as sa
 from msgspec.structs import asdict
 
 from eigenfail.errors import QuotaExceeded
-from eigenfail.values import CampaignSpec, Page, access
+from eigenfail.values import access
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.records import Page
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database

@@ -6,15 +6,14 @@ from typing import Any
 from msgspec.structs import asdict
 from sqlalchemy import Connection, Table, insert, select, update
 
-from eigenfail.values import (
+from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
     Mode,
-    Page,
 )
-from eigenfail.values.records import JobKind
+from eigenfail.values.records import JobKind, Page
 from eigenfail.values.triage import TriageState
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms

@@ -5,7 +5,8 @@ from hashlib import sha256
 
 from sqlalchemy import Connection, insert, select
 
-from eigenfail.values import Campaign, CampaignSpec
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
 from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.campaign_rows import insert_campaign, read_campaign

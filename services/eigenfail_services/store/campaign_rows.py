@@ -6,7 +6,9 @@ from typing import Any
 from msgspec import UNSET
 from sqlalchemy import Connection, Select, bindparam, insert, select, update
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Estimate
 from eigenfail.values.suite import suite_of
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (

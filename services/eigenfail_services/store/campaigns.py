@@ -11,10 +11,16 @@ from sqlalchemy import Connection, Row, func, select, update
 from sqlalchemy.exc import IntegrityError
 
 from eigenfail.filters import NEWEST_FIRST, SortOrder
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page, Priority
-from eigenfail.values.campaign import ANY_CAMPAIGN, CampaignFilter
+from eigenfail.values.campaign import (
+    ANY_CAMPAIGN,
+    Campaign,
+    CampaignFilter,
+    CampaignState,
+    Overhead,
+)
+from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.operations import Versions
-from eigenfail.values.records import Job, JobKind
+from eigenfail.values.records import Job, JobKind, Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail_services.store.campaign_creation import (
     create_campaign,

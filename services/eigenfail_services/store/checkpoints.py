@@ -6,7 +6,7 @@ from typing import NamedTuple
 import structlog
 from sqlalchemy import Connection, delete, func, insert, select
 
-from eigenfail.values import Estimate
+from eigenfail.values.estimates import Estimate
 from eigenfail.values.records import Job
 from eigenfail_services.store.campaign_rows import lock_campaign, update_learner
 from eigenfail_services.store.clock import now_ms

@@ -10,33 +10,19 @@ import msgspec
 import numpy as np
 from sqlalchemy import ColumnElement, Connection, Executable, RowMapping, Table, select
 
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    EpisodeFault,
-    EpisodeResult,
-    Estimate,
-    Floats,
-    Measures,
-    NoiseShape,
-    NoiseTrajectory,
-    Outcome,
-    Overhead,
-    Page,
-    PerChannel,
-    Priority,
-    RunPart,
-    Scene,
-    assess,
-)
-from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
+from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, Floats, decode_array, encode_array
+from eigenfail.values.campaign import Campaign, CampaignState, Counts, Overhead, RunPart
+from eigenfail.values.campaign_spec import CampaignSpec, Priority
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
+from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import count_state
+from eigenfail.values.measures import Measures
 from eigenfail.values.operations import Versions
-from eigenfail.values.records import EpisodeRow, FailureCourse, make_failure_course
+from eigenfail.values.records import EpisodeRow, FailureCourse, Page, assess, make_failure_course
+from eigenfail.values.scene import Scene
+from eigenfail.values.shapes import NoiseShape, PerChannel
 from eigenfail.worlds import list_channels
 
 

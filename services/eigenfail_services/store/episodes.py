@@ -14,20 +14,12 @@ from sqlalchemy.dialects import sqlite
 from sqlalchemy.dialects.postgresql import psycopg
 
 from eigenfail import filters
-from eigenfail.values import (
-    BlockTotals,
-    EpisodeResult,
-    Outcome,
-    Page,
-    PairTotals,
-    SafetyTotals,
-    SpendingTotals,
-    Trials,
-    records,
-)
-from eigenfail.values.comparison import MOST_TRIALS
-from eigenfail.values.safety import MOST_POINTS, SeveritySample
-from eigenfail.values.summary import MOST_LANDINGS
+from eigenfail.values import records
+from eigenfail.values.comparison import MOST_TRIALS, PairTotals, Trials
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.records import Page
+from eigenfail.values.safety import MOST_POINTS, SafetyTotals, SeveritySample
+from eigenfail.values.summary import MOST_LANDINGS, BlockTotals, SpendingTotals
 from eigenfail_services.store.campaign_rows import (
     hash_results,
     lock_campaign,

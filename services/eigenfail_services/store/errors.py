@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from shlex import quote
 
 from eigenfail import errors
-from eigenfail.values import Campaign
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.operations import DRAWN_AGAIN
 from eigenfail.values.records import Job
 

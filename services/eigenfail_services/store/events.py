@@ -10,10 +10,11 @@ from collections.abc import Collection
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from eigenfail import values
 from eigenfail.gate.report import GateReport
 from eigenfail.presentation.figures import count_noun
-from eigenfail.values.operations import Retention
+from eigenfail.values.analysis import Analysis, AnalysisResult, AnalysisState
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.operations import Event, Retention
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
@@ -22,29 +23,29 @@ from eigenfail_services.store.lifecycle import PHRASES
 from eigenfail_services.store.schema import campaigns, event_counter, events
 
 
-def describe_created(campaign: values.Campaign) -> str:
+def describe_created(campaign: Campaign) -> str:
     """Describe a new campaign."""
     spec = campaign.spec
     return f"{_name_of(campaign)} waits in the queue: {spec.episodes} episodes by {spec.method}."
 
 
-def describe_move(campaign: values.Campaign, because: str) -> str:
+def describe_move(campaign: Campaign, because: str) -> str:
     """Describe a campaign's new state."""
     return f"{_name_of(campaign)} {PHRASES[campaign.state]}. {because}".strip()
 
 
-def describe_priority(campaign: values.Campaign) -> str:
+def describe_priority(campaign: Campaign) -> str:
     """Describe a campaign's new priority."""
     return f"{_name_of(campaign)} has the priority {campaign.spec.priority} from now on."
 
 
-def describe_archive(campaign: values.Campaign) -> str:
+def describe_archive(campaign: Campaign) -> str:
     """Describe that a campaign was archived, or is listed again."""
     phrase = "is listed again" if campaign.archived_ms is None else "is archived: lists omit it"
     return f"{_name_of(campaign)} {phrase}."
 
 
-def describe_mixed_releases(campaign: values.Campaign) -> str:
+def describe_mixed_releases(campaign: Campaign) -> str:
     """Describe that a campaign goes on with other versions."""
     return " ".join(describe_mixed(campaign)[-2:])
 
@@ -73,13 +74,13 @@ def describe_pruning(campaign: int, rule: Retention, who: str) -> str:
     )
 
 
-def describe_analysis(analysis: values.Analysis) -> str:
+def describe_analysis(analysis: Analysis) -> str:
     """Describe an analysis's new state."""
     phrases = {
-        values.AnalysisState.QUEUED: "waits in the queue",
-        values.AnalysisState.RUNNING: "is running",
-        values.AnalysisState.DONE: f"is done{_describe_findings(analysis.result)}",
-        values.AnalysisState.FAILED: "failed",
+        AnalysisState.QUEUED: "waits in the queue",
+        AnalysisState.RUNNING: "is running",
+        AnalysisState.DONE: f"is done{_describe_findings(analysis.result)}",
+        AnalysisState.FAILED: "failed",
     }
     phrase = f"Analysis {analysis.id} of campaign {analysis.campaign} {phrases[analysis.state]}."
     return f"{phrase} {analysis.problem}".strip()
@@ -95,11 +96,11 @@ def describe_gate(report: GateReport) -> str:
     return f"Version {gate.version} {verdict} the gate of {against}."
 
 
-def _name_of(campaign: values.Campaign) -> str:
+def _name_of(campaign: Campaign) -> str:
     return f"Campaign {campaign.id} '{campaign.spec.name}'"
 
 
-def _describe_findings(result: values.AnalysisResult | None) -> str:
+def _describe_findings(result: AnalysisResult | None) -> str:
     if result is None:
         return ""
     clusters = count_noun(len(result.modes), result.cluster_noun)
@@ -116,12 +117,12 @@ PRUNED_EVERY = 1_000
 
 def append_event(
     connection: Connection, kind: str, message: str, campaign: int | None = None
-) -> values.Event:
+) -> Event:
     """Log an event; this must be the last statement of a transaction."""
     number = connection.execute(
         update(event_counter).values(last=event_counter.c.last + 1).returning(event_counter.c.last)
     ).scalar_one()
-    event = values.Event(number, now_ms(), kind, message, campaign)
+    event = Event(number, now_ms(), kind, message, campaign)
     connection.execute(
         insert(events).values(
             id=event.id, at_ms=event.at_ms, kind=kind, message=message, campaign=campaign
@@ -132,7 +133,7 @@ def append_event(
     return event
 
 
-_ROWS = StructRows(events, values.Event)
+_ROWS = StructRows(events, Event)
 
 
 class EventLog:
@@ -141,12 +142,12 @@ class EventLog:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def append(self, kind: str, message: str, campaign: int | None = None) -> values.Event:
+    def append(self, kind: str, message: str, campaign: int | None = None) -> Event:
         """Log an event."""
         with self._database.writing() as connection:
             return append_event(connection, kind, message, campaign)
 
-    def after(self, event: int, limit: int, campaign: int | None = None) -> list[values.Event]:
+    def after(self, event: int, limit: int, campaign: int | None = None) -> list[Event]:
         """Return events with ids above `event`, oldest first."""
         query = select(events).where(events.c.id > event).order_by(events.c.id).limit(limit)
         if campaign is not None:
@@ -154,7 +155,7 @@ class EventLog:
         with self._database.reading() as connection:
             return [*_ROWS.list(connection, query)]
 
-    def latest(self, limit: int, campaign: int | None = None) -> list[values.Event]:
+    def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
         """Return the newest events, newest first."""
         query = select(events).order_by(events.c.id.desc()).limit(limit)
         if campaign is not None:
@@ -162,7 +163,7 @@ class EventLog:
         with self._database.reading() as connection:
             return [*_ROWS.list(connection, query)]
 
-    def newest(self, kinds: Collection[str]) -> list[values.Event]:
+    def newest(self, kinds: Collection[str]) -> list[Event]:
         """Return the newest event of these kinds of each running campaign, by campaign."""
         # The index by campaign and id answers this with one step for each campaign; a grouping
         # would read all events of these kinds.
@@ -173,9 +174,7 @@ class EventLog:
             .limit(1)
             .correlate(campaigns)
         )
-        ids = select(newest.scalar_subquery()).where(
-            campaigns.c.state == values.CampaignState.RUNNING
-        )
+        ids = select(newest.scalar_subquery()).where(campaigns.c.state == CampaignState.RUNNING)
         query = select(events).where(events.c.id.in_(ids)).order_by(events.c.campaign)
         with self._database.reading() as connection:
             return [*_ROWS.list(connection, query)]

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Campaign, Outcome, Page
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import MAX_EPISODES
+from eigenfail.values.episode import Outcome
 from eigenfail.values.failures import FailureFilter
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeRow, Page
 from eigenfail_services.store.codec import to_campaign, to_row
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episodes import ROWS

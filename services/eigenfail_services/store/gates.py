@@ -9,7 +9,7 @@ from sqlalchemy.exc import IntegrityError
 
 from eigenfail.gate.report import GateReport, MemberReport
 from eigenfail.gate.results import GateResult, GateSummary, make_result, summarise_report
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows

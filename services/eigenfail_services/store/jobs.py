@@ -6,7 +6,7 @@ from uuid import uuid4
 
 import sqlalchemy as sa
 
-from eigenfail.values import Priority
+from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
 from eigenfail_services.store.engine import Database

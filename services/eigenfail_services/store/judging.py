@@ -6,20 +6,11 @@ from typing import Any
 
 import msgspec
 
-from eigenfail.values import (
-    FINAL_STATES,
-    MEASURES,
-    Campaign,
-    Counts,
-    EpisodeResult,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
-from eigenfail.values.disturbance import sum_log_densities
-from eigenfail.values.episode import MAX_SEED
+from eigenfail.values.campaign import FINAL_STATES, Campaign, Counts
+from eigenfail.values.disturbance import NoiseTrajectory, sum_log_densities
+from eigenfail.values.episode import MAX_SEED, EpisodeResult, Outcome
 from eigenfail.values.learning import count_state
-from eigenfail.values.measures import MAX_MAGNITUDE
+from eigenfail.values.measures import MAX_MAGNITUDE, MEASURES, Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.store.codec import NoiseForm, find_noise_form
 from eigenfail_services.store.schema import clean_prose

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import msgspec
 
 from eigenfail.errors import IllegalTransition
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Priority, RunPart
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, RunPart
+from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.operations import Versions
 
 S = CampaignState

@@ -8,9 +8,9 @@ import sqlalchemy as sa
 
 from eigenfail import filters
 from eigenfail.errors import InvalidValue
-from eigenfail.values import ConflictClass, Outcome
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.episode import Outcome
+from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2, ConflictClass
 from eigenfail_services.store.schema import (
     Number,
     PositionExpression,

@@ -15,7 +15,8 @@ from uuid import uuid4
 import sqlalchemy as sa
 
 from eigenfail.gate.report import GateReport, list_conclusions
-from eigenfail.values import FINAL_STATES, Analysis, Campaign
+from eigenfail.values.analysis import Analysis
+from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.webhooks import (
     TEST_EVENT,
     DeliveryState,

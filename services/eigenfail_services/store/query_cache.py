@@ -15,8 +15,9 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 import msgspec
 import sqlalchemy as sa
 
-from eigenfail.values import Campaign, Outcome
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Peers, Pool
+from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.records import Totals
 from eigenfail.values.summary import MOST_SAMPLES, EpisodeSample

@@ -9,7 +9,10 @@ from typing import Any
 import msgspec
 import sqlalchemy as sa
 
-from eigenfail import values
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import FINAL_STATES, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
 from eigenfail_services.store.engine import chunks
 from eigenfail_services.store.errors import make_pruned_error
 from eigenfail_services.store.schema import (
@@ -24,8 +27,8 @@ from eigenfail_services.store.schema import (
 NAMING = frozenset({"campaign", "data_from"})
 """Settings of methods that name campaigns whose noise is injected or learnt from."""
 
-OPEN = frozenset(values.CampaignState) - values.FINAL_STATES
-UNFINISHED = frozenset({values.AnalysisState.QUEUED, values.AnalysisState.RUNNING})
+OPEN = frozenset(CampaignState) - FINAL_STATES
+UNFINISHED = frozenset({AnalysisState.QUEUED, AnalysisState.RUNNING})
 
 
 class Named(msgspec.Struct, frozen=True):
@@ -80,7 +83,7 @@ def _names_campaigns() -> sa.ColumnElement[bool]:
     return sa.or_(*(campaigns.c.spec.contains(f'"{name}"') for name in sorted(NAMING)))
 
 
-def hold_named_noise(connection: sa.Connection, specs: Iterable[values.CampaignSpec]) -> None:
+def hold_named_noise(connection: sa.Connection, specs: Iterable[CampaignSpec]) -> None:
     """Keep campaigns that new ones name from losing noise until the new ones are visible."""
     if wanted := {number for spec in specs for number in find_named_campaigns(spec.settings)}:
         hold_noise(connection, wanted)
@@ -97,7 +100,7 @@ def hold_noise(connection: sa.Connection, wanted: Collection[int]) -> None:
 NOISE_PRUNED = sa.and_(
     prunings.c.campaign == episodes.c.campaign,
     prunings.c.through >= episode_index,
-    episodes.c.outcome == values.Outcome.SAFE,
+    episodes.c.outcome == Outcome.SAFE,
     episodes.c.source == prunings.c.source,
     episode_index % prunings.c.keep_every != 0,
 )
@@ -114,7 +117,7 @@ def select_pruned_ms() -> sa.ScalarSelect[int]:
     )
 
 
-def refuse_pruned(connection: sa.Connection, specs: Iterable[values.CampaignSpec]) -> None:
+def refuse_pruned(connection: sa.Connection, specs: Iterable[CampaignSpec]) -> None:
     """Refuse specs that name an episode whose noise was pruned.
 
     Raises:

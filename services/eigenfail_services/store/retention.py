@@ -4,7 +4,8 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from eigenfail.values import FINAL_STATES, Outcome
+from eigenfail.values.campaign import FINAL_STATES
+from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms

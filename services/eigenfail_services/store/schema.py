@@ -11,8 +11,9 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import TypeEngine
 
-from eigenfail.values import MEASURES, Measure, Priority
+from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.episode import FAILURES, Outcome
+from eigenfail.values.measures import MEASURES, Measure
 
 VERSION = "1000"
 """The newest migration: what this program was made for."""

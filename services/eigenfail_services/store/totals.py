@@ -15,10 +15,17 @@ import sqlalchemy as sa
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from eigenfail import values
 from eigenfail.values import records
-from eigenfail.values.episode import FAILURES
-from eigenfail.values.safety import SeveritySample
+from eigenfail.values.comparison import PairTotals, Trials
+from eigenfail.values.episode import FAILURES, Outcome
+from eigenfail.values.safety import (
+    FailurePoint,
+    MeasureTotals,
+    RequirementTotals,
+    SafetyTotals,
+    SeveritySample,
+)
+from eigenfail.values.summary import BlockTotals, SpendingTotals, StoredProgress
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import (
     ENDED_COLUMNS,
@@ -42,7 +49,7 @@ _FAILED = sa.cast(is_failure, sa.Integer)
 _MAY_COLLIDE = (
     episodes.c.max_drac_mps2 > records.PEAK_BRAKING_MPS2,
     # Without statistics SQLite would take the index of outcomes, and read every safe row.
-    sa.func.coalesce(episodes.c.outcome, sa.null()) == values.Outcome.SAFE,
+    sa.func.coalesce(episodes.c.outcome, sa.null()) == Outcome.SAFE,
     episodes.c.collided_s.is_(None),
 )
 """Conditions on the episodes among which the unresolved ones are."""
@@ -65,12 +72,12 @@ def _read_columns(
     return tuple(np.concatenate(parts).T)
 
 
-def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[values.BlockTotals]:
+def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[BlockTotals]:
     """Return sums over blocks of `per` indices that have a completed episode, in index order."""
     query = (
         sa.select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
         .add_columns(episodes.c.steps, sa.cast(sa.and_(*_MAY_COLLIDE, _IS_DOUBTFUL), sa.Integer))
-        .where(episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED)
+        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
         # Rows are read in the order in which they were written, one behind the other, and are
         # sorted below.
         .order_by(episodes.c.finished_ms, episode_index)
@@ -93,17 +100,17 @@ def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[value
 
 def _count_errored(connection: sa.Connection, campaign: int, per: int) -> Counter[int]:
     """Return the number of errored episodes of each block that has one."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome == values.Outcome.ERRORED)
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome == Outcome.ERRORED)
     found = connection.execute(sa.select(episode_index).where(*inside))
     return Counter(row[0] // per for row in found)
 
 
 def _sum_block(
     first: int, failed: _Column, robustness_m: _Column, log_probability: _Column, steps: _Column
-) -> values.BlockTotals:
+) -> BlockTotals:
     failures = failed == 1.0
     known_m = robustness_m[~np.isnan(robustness_m)]
-    return values.BlockTotals(
+    return BlockTotals(
         first=first,
         completed=len(failed),
         failures=int(failures.sum()),
@@ -114,7 +121,7 @@ def _sum_block(
     )
 
 
-def count_pairs(connection: sa.Connection, first: int, second: int) -> values.PairTotals:
+def count_pairs(connection: sa.Connection, first: int, second: int) -> PairTotals:
     """Count the episodes that two campaigns both completed with one seed and source, by outcome."""
     other = episodes.alias()
     same = sa.and_(
@@ -136,14 +143,14 @@ def count_pairs(connection: sa.Connection, first: int, second: int) -> values.Pa
         .where(
             episodes.c.campaign == first,
             other.c.campaign == second,
-            episodes.c.outcome != values.Outcome.ERRORED,
-            other.c.outcome != values.Outcome.ERRORED,
+            episodes.c.outcome != Outcome.ERRORED,
+            other.c.outcome != Outcome.ERRORED,
         )
     )
-    return values.PairTotals(*connection.execute(query).one())
+    return PairTotals(*connection.execute(query).one())
 
 
-def sum_safety(connection: sa.Connection, campaign: int, most: int) -> values.SafetyTotals:
+def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTotals:
     """Return safety measures of the completed episodes, and at most `most` failures as points.
 
     Memory grows with the campaign by two numbers for each failure only.
@@ -152,7 +159,7 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> values.Sa
     count, failures = connection.execute(done).one()
     crashed, severities = _read_columns(connection, _select_severities(campaign))
     every = max(1, ceil(len(crashed) / most))
-    return values.SafetyTotals(
+    return SafetyTotals(
         completed=count,
         failures=failures or 0,
         ttc=_sum_measure(connection, campaign, _TTC),
@@ -173,9 +180,7 @@ def sample_severities(connection: sa.Connection, campaign: int, first: int) -> S
     )
 
 
-def _count_violations(
-    connection: sa.Connection, campaign: int
-) -> tuple[values.RequirementTotals, ...]:
+def _count_violations(connection: sa.Connection, campaign: int) -> tuple[RequirementTotals, ...]:
     """Count violations of each requirement that the campaign names; none where it names none."""
     value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
@@ -183,16 +188,16 @@ def _count_violations(
         .where(requirement_values.c.campaign == campaign)
         .group_by(number)
     )
-    found = {row[0]: values.RequirementTotals(*row[1:]) for row in connection.execute(query)}
+    found = {row[0]: RequirementTotals(*row[1:]) for row in connection.execute(query)}
     # One that no episode was judged by has no row.
     return tuple(found.get(each, NOT_JUDGED) for each in range(1, max(found, default=0) + 1))
 
 
-NOT_JUDGED = values.RequirementTotals(0, 0, None)
+NOT_JUDGED = RequirementTotals(0, 0, None)
 
 
 def _is_completed(campaign: int) -> tuple[sa.ColumnElement[bool], ...]:
-    return episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED
+    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED
 
 
 class _Threshold(NamedTuple):
@@ -215,13 +220,13 @@ _DRAC = _Threshold(
 )
 
 
-def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> values.MeasureTotals:
+def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> MeasureTotals:
     """Sum up a measure over the completed episodes that have it; an index holds them in order."""
     inside = (*_is_completed(campaign), of.column.is_not(None))
     query = sa.select(sa.func.count(), sa.func.count().filter(of.beyond), of.worst).where(*inside)
     count, beyond, worst = connection.execute(query).one()
     if not count:
-        return values.MeasureTotals()
+        return MeasureTotals()
     middle = (
         sa.select(of.column)
         .where(*inside)
@@ -229,7 +234,7 @@ def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> va
         .offset((count - 1) // 2)
         .limit(2 - count % 2)
     )
-    return values.MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
+    return MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
 
 
 def _select_severities(campaign: int) -> sa.Select[*tuple[Any, ...]]:
@@ -237,7 +242,7 @@ def _select_severities(campaign: int) -> sa.Select[*tuple[Any, ...]]:
         sa.select(episode_index, episodes.c.severity)
         .where(
             episodes.c.campaign == campaign,
-            episodes.c.outcome == values.Outcome.COLLISION,
+            episodes.c.outcome == Outcome.COLLISION,
             episodes.c.severity.is_not(None),
         )
         .order_by(episode_index)
@@ -246,11 +251,11 @@ def _select_severities(campaign: int) -> sa.Select[*tuple[Any, ...]]:
 
 def _read_points(
     connection: sa.Connection, campaign: int, chosen: Sequence[int]
-) -> tuple[values.FailurePoint, ...]:
+) -> tuple[FailurePoint, ...]:
     query = sa.select(episodes).where(episodes.c.campaign == campaign, episode_index.in_(chosen))
     rows = map(to_row, connection.execute(query.order_by(episode_index)).mappings())
     return tuple(
-        values.FailurePoint(
+        FailurePoint(
             row.index, row.log_probability / max(row.steps, 1), row.severity, row.assessed.conflict
         )
         for row in rows
@@ -258,10 +263,10 @@ def _read_points(
     )
 
 
-_COMPLETED = episodes.c.outcome != values.Outcome.ERRORED
+_COMPLETED = episodes.c.outcome != Outcome.ERRORED
 
 
-def sum_spending(connection: sa.Connection, campaign: int, most: int) -> values.SpendingTotals:
+def sum_spending(connection: sa.Connection, campaign: int, most: int) -> SpendingTotals:
     """Return the worker time of all episodes, and the progress at `most` of them and the last."""
     inside = episodes.c.campaign == campaign
     completed = connection.execute(
@@ -269,12 +274,12 @@ def sum_spending(connection: sa.Connection, campaign: int, most: int) -> values.
     ).scalar_one()
     errored = sa.select(episodes.c.wall_s).where(inside, ~_COMPLETED)
     found = connection.execute(_select_progress(campaign, completed, most)).all()
-    return values.SpendingTotals(
+    return SpendingTotals(
         completed_worker_s=found[-1].worker_s if found else 0.0,
         # `fsum` does not depend on the order of its terms, and these rows have no fixed order.
         errored_worker_s=fsum(connection.execute(errored).scalars()),
         progress=tuple(
-            values.StoredProgress(each.finished_ms, each.place, each.failures) for each in found
+            StoredProgress(each.finished_ms, each.place, each.failures) for each in found
         ),
     )
 
@@ -310,9 +315,9 @@ _TRIALS_CHUNK = 10_000
 _TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 
 
-def read_trials(connection: sa.Connection, campaign: int, most: int) -> values.Trials:
+def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
     """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED)
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
     count = connection.execute(sa.select(sa.func.count()).where(*inside)).scalar_one()
     place = sa.func.row_number().over(order_by=episode_index).label("place")
     ranked = sa.select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
@@ -324,7 +329,7 @@ def read_trials(connection: sa.Connection, campaign: int, most: int) -> values.T
     )
     rows = ((seed, outcome in FAILURES) for seed, outcome in connection.execute(query))
     found = np.fromiter(rows, _TRIAL)
-    return values.Trials(found["seed"], found["failed"])
+    return Trials(found["seed"], found["failed"])
 
 
 _SUMMED = tuple(episodes.c[name] for name in ENDED_COLUMNS)
@@ -361,7 +366,7 @@ def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
         .subquery()
         .c
     )
-    collided = failures.outcome == values.Outcome.COLLISION
+    collided = failures.outcome == Outcome.COLLISION
     classified = sa.and_(collided, failures.collided_s.is_not(None))
     hopeless = sa.or_(
         failures.drac_at_warning_mps2.is_(None),
@@ -438,7 +443,7 @@ def _count_allowed(connection: sa.Connection, chosen: Sequence[int]) -> dict[int
         sa.select(episodes.c.campaign, sa.func.count())
         .where(
             episodes.c.campaign.in_(_select_naming(chosen)),
-            episodes.c.outcome == values.Outcome.SAFE,
+            episodes.c.outcome == Outcome.SAFE,
             episodes.c.collided_s.is_not(None),
         )
         .group_by(episodes.c.campaign)
@@ -516,7 +521,7 @@ def _find_frequent_faults(
     )
     ranked = (
         sa.select(*reason, count.label("n"), first.label("first"), rank.label("rank"))
-        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == values.Outcome.ERRORED)
+        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.ERRORED)
         .group_by(*reason)
         .subquery()
     )

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from sqlalchemy import Connection, RowMapping, delete, func, insert, select
 
 from eigenfail.errors import Conflict
-from eigenfail.values import Page
+from eigenfail.values.records import Page
 from eigenfail.values.webhooks import (
     LAST_DELIVERIES,
     MAX_WEBHOOKS,

@@ -16,8 +16,7 @@ from sqlalchemy import Connection, func, inspect, select, text
 from eigenfail.addresses import sqlite_path
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.methods import traits_of
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
 from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, Vacuumed, Weight
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms

@@ -16,7 +16,10 @@ import msgspec
 import sqlalchemy as sa
 from sqlalchemy.exc import DatabaseError
 
-from eigenfail import errors, functions, replays, values
+from eigenfail import errors, functions, replays
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import FINAL_STATES, Campaign, Counts
+from eigenfail.values.episode import EpisodeTask, Outcome
 from eigenfail.values.operations import DRAWN_AGAIN, Check, Defect, Verification
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.rounds import read_checkpoint
@@ -47,8 +50,8 @@ AT_A_TIME = 500
 REPAIR = "eigenfail db verify --repair"
 RESTORE = "Restore a backup: eigenfail db restore."
 ENDED_STATES: Mapping[JobKind, frozenset[str]] = {
-    JobKind.CAMPAIGN: frozenset(values.FINAL_STATES),
-    JobKind.ANALYSIS: frozenset({values.AnalysisState.DONE, values.AnalysisState.FAILED}),
+    JobKind.CAMPAIGN: frozenset(FINAL_STATES),
+    JobKind.ANALYSIS: frozenset({AnalysisState.DONE, AnalysisState.FAILED}),
 }
 
 
@@ -78,7 +81,7 @@ def _count_rows() -> Any:
         sa.select(
             episodes.c.campaign,
             sa.func.count().label("ended"),
-            sa.func.count().filter(of_outcome == values.Outcome.ERRORED).label("failed"),
+            sa.func.count().filter(of_outcome == Outcome.ERRORED).label("failed"),
             sa.func.count().filter(is_failure).label("failures"),
         )
         .group_by(episodes.c.campaign)
@@ -98,7 +101,7 @@ def _select_miscounted() -> sa.Select[Any]:
         campaigns.c.completed + campaigns.c.failed != ended,
         campaigns.c.failed != failed,
         campaigns.c.failures != failures,
-        sa.and_(campaigns.c.state.not_in(values.FINAL_STATES), campaigns.c.cancelled != 0),
+        sa.and_(campaigns.c.state.not_in(FINAL_STATES), campaigns.c.cancelled != 0),
     )
     return (
         sa.select(campaigns, ended, failed, failures)
@@ -128,7 +131,7 @@ def _select_open_but_ended() -> sa.Select[Any]:
     """Select the campaigns that have ended with open episodes."""
     total = campaigns.c.completed + campaigns.c.failed + campaigns.c.cancelled
     return sa.select(campaigns).where(
-        campaigns.c.state.in_(values.FINAL_STATES), total != campaigns.c.planned
+        campaigns.c.state.in_(FINAL_STATES), total != campaigns.c.planned
     )
 
 
@@ -291,23 +294,23 @@ def _recount_campaigns(connection: sa.Connection) -> Iterator[str]:
         )
 
 
-def _count_campaign(connection: sa.Connection, campaign: values.Campaign) -> values.Counts:
+def _count_campaign(connection: sa.Connection, campaign: Campaign) -> Counts:
     """Return the counts of a campaign by its rows; one that has ended has no open episodes."""
     of_outcome = episodes.c.outcome
     ended, errored, failures = connection.execute(
         sa.select(
             sa.func.count(),
-            sa.func.count().filter(of_outcome == values.Outcome.ERRORED),
+            sa.func.count().filter(of_outcome == Outcome.ERRORED),
             sa.func.count().filter(is_failure),
         ).where(episodes.c.campaign == campaign.id)
     ).one()
     planned = campaign.counts.planned
-    return values.Counts(
+    return Counts(
         planned=planned,
         completed=ended - errored,
         failures=failures,
         errored=errored,
-        cancelled=planned - ended if campaign.state in values.FINAL_STATES else 0,
+        cancelled=planned - ended if campaign.state in FINAL_STATES else 0,
         # Duplicates have no rows to be counted.
         duplicates=campaign.counts.duplicates,
     )
@@ -417,12 +420,12 @@ def sample(
 def _find_nth_episode(connection: sa.Connection, campaign: int, place: int) -> Sequence[int]:
     """Return the index of a campaign's n-th completed episode, if there are as many."""
     number = episodes.c["index"]
-    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != values.Outcome.ERRORED)
+    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != Outcome.ERRORED)
     query = sa.select(number).where(of_campaign).order_by(number).limit(1).offset(place)
     return connection.execute(query).scalars().all()
 
 
-def _read_stored(store: Store, campaign: int, index: int) -> tuple[values.EpisodeTask, str] | None:
+def _read_stored(store: Store, campaign: int, index: int) -> tuple[EpisodeTask, str] | None:
     """Return the task that runs an episode again, and its stored digest.
 
     Pruned noise is drawn again from the episode's seed. The answer is None if the noise does not

@@ -5,7 +5,7 @@ import re
 import pytest
 from starlette.testclient import TestClient
 
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_api.access.authentication import MOST_SESSIONS, SESSION_COOKIE, Sessions
 from eigenfail_api.dashboard.keys_page import keep_own_address
 

@@ -6,7 +6,7 @@ from html import unescape
 
 import pytest
 
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 
 URL = "/api/v1/campaigns"
 

@@ -3,7 +3,9 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import AnalysisSettings, Diversity, Outcome, Overhead
+from eigenfail.values.analysis import AnalysisSettings, Diversity
+from eigenfail.values.campaign import Overhead
+from eigenfail.values.episode import Outcome
 from eigenfail_api.dashboard.overlays import make_bill_charts
 from eigenfail_services.campaigns.costs import find_spending
 

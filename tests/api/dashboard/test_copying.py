@@ -9,8 +9,8 @@ import deadlines
 import msgspec
 import pytest
 
-from eigenfail.values import CampaignSpec
 from eigenfail.values.access import KeyRequest, Scope
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard.copying import Service, format_curl

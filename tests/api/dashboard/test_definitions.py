@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail_api.dashboard.glossary_page import find_term, list_terms
 
 HTML = {"Accept": "text/html"}

@@ -4,16 +4,12 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import ServiceBusy, ServiceError
-from eigenfail.values import (
-    CampaignSpec,
-    CampaignState,
-    ExplainedStep,
-    Explanation,
-    Measures,
-    Outcome,
-    Replayed,
-)
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.operations import Arrival
+from eigenfail.values.proof import ExplainedStep, Explanation, Replayed
 from eigenfail_api.dashboard import episode_page
 
 

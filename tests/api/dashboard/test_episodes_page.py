@@ -7,7 +7,8 @@ import re
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail_api.dashboard import charts, episodes_page
 

@@ -9,21 +9,20 @@ import pytest
 from msgspec.structs import replace
 from store_checks.examples import analyse_function
 
-from eigenfail.values import (
-    AXES,
+from eigenfail.values.analysis import (
     AnalysedCampaign,
     AnalysisSettings,
     Behaviour,
-    CampaignSpec,
     Diversity,
-    Estimate,
     InfluenceShare,
-    Interval,
     ModeBehaviour,
     Moment,
     Stability,
     TrainingInterval,
 )
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_api.dashboard.analysis_charts import (
     MOST_STEPS,
     make_mode_charts,

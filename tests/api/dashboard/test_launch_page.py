@@ -11,7 +11,8 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
-from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_api.dashboard import launch_page
 from eigenfail_api.dashboard.launch_fields import (
     LaunchEntry,

@@ -7,7 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import NoisePruned
-from eigenfail.values import NoiseTrajectory, Outcome
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import Outcome
 from eigenfail_api.dashboard.charts import find_reference, make_reference
 
 SIGMA = (2.0, 0.5)

@@ -6,16 +6,13 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.campaigns import list_severity
-from eigenfail.values import (
-    CampaignSpec,
-    Figure,
-    Interval,
-    Measures,
-    Outcome,
-    Overhead,
-)
 from eigenfail.values.analysis import FEWEST_OF_MODE
-from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk
+from eigenfail.values.campaign import Overhead
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Interval
+from eigenfail.values.measures import Measures
+from eigenfail.values.safety import FailurePoint, Figure, Scatter, SeverityRisk
 from eigenfail_api.dashboard.measures_page import describe_kind, make_scatter_chart
 from eigenfail_services.campaigns.summary import find_safety
 

@@ -9,7 +9,9 @@ import pytest
 from msgspec.structs import replace
 from store_checks.examples import analyse_function
 
-from eigenfail.values import AnalysisSettings, Outcome, Scene
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Scene
 from eigenfail_api.dashboard import mode_overlay
 from eigenfail_services.campaigns.recordings import OverlayBounds
 

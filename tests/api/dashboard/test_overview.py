@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Arrival
 from eigenfail_api.dashboard.campaign_page import find_origin
 

@@ -2,14 +2,10 @@
 
 import pytest
 
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    MeanTime,
-)
 from eigenfail.values.access import Quotas, Usage
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.summary import MeanTime
 from eigenfail_api.dashboard.campaign_page import make_mean_tile
 from eigenfail_api.dashboard.cost_charts import describe_omitted
 from eigenfail_api.dashboard.keys_page import list_quotas

@@ -6,7 +6,9 @@ import re
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import CampaignState, Measures, Outcome
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail_api.dashboard.rendering import STATIC
 from eigenfail_workers.scenarios.cut_in import CutIn
 

@@ -3,14 +3,9 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    Estimate,
-    Interval,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.records import Totals
 from eigenfail_api.dashboard.campaign_page import make_tiles
 from eigenfail_api.dashboard.rendering import Tile, make_failure_tile

@@ -2,7 +2,9 @@
 
 import pytest
 
-from eigenfail.values import Outcome, Rate, Reproduction
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Rate
+from eigenfail.values.proof import Reproduction
 from eigenfail_api.dashboard.analysis_page import NOT_TRIED, describe_reproduction
 from eigenfail_services.statistics.intervals import rate
 

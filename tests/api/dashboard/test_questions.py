@@ -9,7 +9,8 @@ from starlette.testclient import TestClient
 from store_checks.examples import deliver
 
 from eigenfail.testing.examples import collision, result, spec
-from eigenfail.values import AnalysisSettings, CampaignState
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.summary import MOST_SAMPLES
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard import campaign_page

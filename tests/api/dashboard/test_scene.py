@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from eigenfail.presentation.figures import UNKNOWN
-from eigenfail.values import NoiseTrajectory, Outcome, Scene
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import Outcome
+from eigenfail.values.scene import Scene
 from eigenfail_api.dashboard.scene import (
     make_course_charts,
     make_noise_chart,

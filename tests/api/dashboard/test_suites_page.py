@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from eigenfail.values import Outcome
 from eigenfail.values.campaign import BUDGET_SPENT
+from eigenfail.values.episode import Outcome
 from eigenfail_api.dashboard.suites_page import pool_failures
 from eigenfail_services.statistics.intervals import rate
 

@@ -4,22 +4,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import (
-    AXES,
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    Course,
-    CourseBlock,
-    Diversity,
-    FailureMode,
-    Outcome,
-    Page,
-    Scene,
-    StopRules,
-)
-from eigenfail.values.records import EpisodeRow, Totals
+from eigenfail.values.analysis import Diversity, FailureMode
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.episode import Outcome
+from eigenfail.values.records import EpisodeRow, Page, Totals
+from eigenfail.values.scene import Scene
+from eigenfail.values.summary import Course, CourseBlock
 from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.analysis_charts import pick_evenly
 from eigenfail_api.dashboard.analysis_page import (

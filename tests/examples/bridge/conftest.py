@@ -13,7 +13,9 @@ from msgspec.structs import replace
 from eigenfail import bridges, plugins
 from eigenfail.cli.specs import read_spec
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec, EpisodeResult, LearnerContext, learner_seed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine

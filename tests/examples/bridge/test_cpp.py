@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from msgspec.msgpack import decode, encode
 
 from eigenfail.cli.specs import read_spec
-from eigenfail.values import EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail_workers import bridge
 
 HERE = Path(__file__).parent

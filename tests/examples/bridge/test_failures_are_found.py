@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eigenfail.cli.specs import read_spec
-from eigenfail.values import EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values.episode import EpisodeTask, Outcome, TrajectorySource
 
 BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
 EXAMPLES = {

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from eigenfail.cli.specs import read_spec
-from eigenfail.values import EpisodeTask, Outcome, PriorSource, TrajectorySource, episode_seed
+from eigenfail.values.episode import (
+    EpisodeTask,
+    Outcome,
+    PriorSource,
+    TrajectorySource,
+    episode_seed,
+)
 
 BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
 STACKS = {"idm_vehicle": "highway_env", "fiss": "fiss_planner", "dqn": "highway_env"}

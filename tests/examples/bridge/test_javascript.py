@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from eigenfail.cli.specs import read_spec
-from eigenfail.values import EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 
 FOLDER = Path(__file__).parents[3] / "examples" / "bridge" / "javascript"
 LONGEST_LINES = 100

@@ -21,17 +21,17 @@ from eigenfail.presentation.analyses import (
     tabulate_modes,
     tabulate_noise_within,
 )
-from eigenfail.values import (
-    AXES,
+from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     FailureMode,
     InfluenceShare,
-    Interval,
     Moment,
     Stability,
 )
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.estimates import Interval
 
 README = Path(__file__).parents[3] / "README.md"
 EPISODE = re.compile(r"(?<=episode )\d+/\d+")

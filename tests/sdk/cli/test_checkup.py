@@ -12,7 +12,7 @@ from eigenfail.cli import plugin_checks
 from eigenfail.testing import planner as suite
 from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
-from eigenfail.values import Control
+from eigenfail.values.scene import Control
 
 
 class Good:

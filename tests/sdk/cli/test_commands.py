@@ -18,7 +18,8 @@ from eigenfail.cli.render import INTERRUPTED
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL, Address, DataFolder
 from eigenfail.hosting.service import Plan
-from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.operations import Arrival, Presence, Retention, Staffing
 from eigenfail.versions import versions
 

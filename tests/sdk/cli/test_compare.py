@@ -7,7 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.analyses import describe_diversity
-from eigenfail.values import AnalysisResult, Comparison, Course, Diversity
+from eigenfail.values.analysis import AnalysisResult, Diversity
+from eigenfail.values.comparison import Comparison
+from eigenfail.values.summary import Course
 from eigenfail.wire.http import decode
 
 

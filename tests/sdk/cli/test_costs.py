@@ -6,7 +6,8 @@ import msgspec
 import pytest
 
 from eigenfail.filters import make_outcome_condition
-from eigenfail.values import CampaignCost, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.summary import CampaignCost
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from store_checks.examples import running
 
 from eigenfail import plugins
 from eigenfail.hosting.folder import DataFolder
-from eigenfail.values import EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.records import Delivery
 from eigenfail_services.store import open_store
 

@@ -8,19 +8,18 @@ import pytest
 from eigenfail import plugins, replays
 from eigenfail.errors import InvalidValue
 from eigenfail.explanations import tell_story
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
-    ExplainedEpisode,
-    ExplainedStep,
-    Measures,
-    NoiseTrajectory,
     Outcome,
     TrajectorySource,
     unrunnable,
 )
+from eigenfail.values.measures import Measures
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep
 from eigenfail.values.records import Delivery
 
 SIGN = np.where((np.arange(100) // 20) % 2 == 0, 2.0, -2.0)

@@ -7,15 +7,10 @@ from rich.console import Console
 from eigenfail.cli.render import PLAIN_WIDTH
 from eigenfail.presentation.campaigns import tabulate_campaigns, tabulate_results
 from eigenfail.presentation.terminal import ALWAYS, render, start_grid
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Cost,
-    Counts,
-    Summary,
-    Unresolved,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Cost
+from eigenfail.values.summary import Summary, Unresolved
 
 COST = Cost(12.0, 10.0, None, None, 0.5)
 

@@ -5,15 +5,10 @@ import typer
 
 from eigenfail.cli.render import judge
 from eigenfail.errors import ServiceError
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Cost,
-    Counts,
-    Summary,
-    Unresolved,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Cost
+from eigenfail.values.summary import Summary, Unresolved
 
 
 def make_campaign(counts: Counts) -> Campaign:

@@ -10,7 +10,7 @@ from eigenfail.cli.gate import fingerprint
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.fingerprints import list_packages, read_package_files
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 SPEC = CampaignSpec(name="x", method="monte_carlo", episodes=1, planner="idm")
 

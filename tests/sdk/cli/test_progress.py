@@ -13,7 +13,8 @@ from eigenfail import progress
 from eigenfail.cli.render import follow
 from eigenfail.client import Client
 from eigenfail.progress import make_standing
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.store import migrate
 
 

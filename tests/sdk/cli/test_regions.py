@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from eigenfail.values import Region
+from eigenfail.values.comparison import Region
 from eigenfail.wire.http import decode
 
 

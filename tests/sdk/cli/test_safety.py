@@ -1,6 +1,6 @@
 """`eigenfail campaign safety`: the paper's table at a prompt."""
 
-from eigenfail.values import Safety
+from eigenfail.values.safety import Safety
 from eigenfail.wire.http import decode
 
 

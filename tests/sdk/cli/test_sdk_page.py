@@ -8,7 +8,7 @@ import pytest
 import eigenfail
 from eigenfail.client import Client
 from eigenfail.replays import run_once
-from eigenfail.values import EpisodeTask, TrajectorySource
+from eigenfail.values.episode import EpisodeTask, TrajectorySource
 
 PAGE = (Path(__file__).parents[3] / "docs" / "sdk.md").read_text()
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -5,7 +5,9 @@ import pytest
 from eigenfail.cli.specs import check_plugins, describe_check, read_spec
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.suites import Suite
-from eigenfail.values import Correlated, DisturbanceModel, StopRules
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.shapes import Correlated
 from eigenfail.wire.http import CampaignCheck
 
 

@@ -3,7 +3,8 @@
 from msgspec.structs import replace
 
 from eigenfail.cli.render import describe_suite
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 
 
 def campaign(counts):

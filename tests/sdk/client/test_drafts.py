@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.errors import IdempotencyMismatch, InvalidValue, NotFound, UnknownName
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 
 
 def test_a_check_fills_in_defaults_and_launches_nothing(client, fields, store):

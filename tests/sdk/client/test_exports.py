@@ -8,7 +8,10 @@ from starlette.testclient import TestClient
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, NotFound, ServiceError, UnknownName
-from eigenfail.values import CampaignState, EpisodeResult, Measures, NoiseTrajectory, Outcome
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings

@@ -11,7 +11,8 @@ from eigenfail.client import Client
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.fields import AnalysisFields, CampaignChanges, CampaignFields
 from eigenfail.errors import InvalidValue
-from eigenfail.values import AnalysisSettings, CampaignSpec
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign_spec import CampaignSpec
 
 PAIRS = [
     (CampaignFields, CampaignSpec),

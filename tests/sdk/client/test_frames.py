@@ -17,22 +17,21 @@ from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.filters import CAMPAIGN_ORDERS, COLUMNS, read_value
 from eigenfail.frames import list_struct_columns
 from eigenfail.testing.examples import analysis_result, collision
-from eigenfail.values import (
+from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
-    Campaign,
-    CampaignSpec,
     Mode,
-    NoiseTrajectory,
-    Outcome,
-    Summary,
 )
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Assessment, ConflictClass, EpisodeRow
 from eigenfail.values.rows import Rows
 from eigenfail.values.safety import FailurePoint
-from eigenfail.values.summary import CostPoint, CourseBlock
+from eigenfail.values.summary import CostPoint, CourseBlock, Summary
 
 ROW = EpisodeRow(
     campaign=1,

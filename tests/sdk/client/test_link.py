@@ -19,7 +19,9 @@ from eigenfail.errors import (
     StoreUnavailable,
     UnknownName,
 )
-from eigenfail.values import AnalysisSettings, Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.wire import http
 from eigenfail.wire.http import list_error_types, make_error, make_problem
 

@@ -12,14 +12,14 @@ from store_checks.examples import deliver, result, running
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.presentation.plots import plot
 from eigenfail.testing.examples import collision
-from eigenfail.values import (
+from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
     FailureMode,
-    NoiseTrajectory,
 )
+from eigenfail.values.disturbance import NoiseTrajectory
 
 mpl.use("Agg")
 

@@ -24,8 +24,10 @@ from eigenfail.client.references import (
     locate_mode,
 )
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail.values import Event, Mode, Outcome
 from eigenfail.values.access import UNLIMITED, ApiKey, NewKey, Scope
+from eigenfail.values.analysis import Mode
+from eigenfail.values.episode import Outcome
+from eigenfail.values.operations import Event
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 
 MODE = Mode(5, 2, 30, "hard braking")

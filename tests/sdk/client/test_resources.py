@@ -20,22 +20,14 @@ from eigenfail.errors import (
     UnknownName,
     WaitTimeout,
 )
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    CampaignSpec,
-    CampaignState,
-    DisturbanceModel,
-    EpisodeFault,
-    EpisodeResult,
-    FailureMode,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Priority,
-    Scene,
-)
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, Priority
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
+from eigenfail.values.scene import Scene
 from eigenfail_api.routes import operations
 
 

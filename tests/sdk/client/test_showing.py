@@ -9,7 +9,8 @@ from store_checks.examples import deliver, running
 
 from eigenfail.presentation.notebook import to_html
 from eigenfail.testing.examples import collision, make_errored_result
-from eigenfail.values import Cost, Interval, Mode
+from eigenfail.values.analysis import Mode
+from eigenfail.values.estimates import Cost, Interval
 from eigenfail.values.rows import SHOWN, Rows
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 

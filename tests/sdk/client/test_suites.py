@@ -4,7 +4,8 @@ import pytest
 
 from eigenfail.errors import NotFound, UnknownName, WaitTimeout
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 
 
 @pytest.fixture

@@ -8,7 +8,8 @@ import pytest
 from eigenfail.client import link
 from eigenfail.client.link import AWAY_S, Waiter, check_during_waits, waiter
 from eigenfail.errors import ServiceError, ServiceUnreachable, StoreUnavailable
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.wire import http
 from eigenfail.wire.http import make_problem
 

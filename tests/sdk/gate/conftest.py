@@ -3,7 +3,9 @@
 import pytest
 
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Outcome
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import EpisodeRow
 
 

@@ -12,15 +12,15 @@ from eigenfail.gate.known import (
     make_mode_replays,
 )
 from eigenfail.suites import SuiteMember
-from eigenfail.values import (
+from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
     FailureMode,
-    Outcome,
-    StopRules,
 )
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import Outcome
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from eigenfail.gate.known import add_modes, bound_probability, find_new_modes, needs_modes
 from eigenfail.gate.reruns import JudgedBy, Rerun, RerunFigures, RerunSide
 from eigenfail.gate.verdicts import GateVerdict, RunOutcomes
-from eigenfail.values import (
+from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,

@@ -16,8 +16,10 @@ from eigenfail.gate.verdicts import (
     judge_pairs,
 )
 from eigenfail.intervals import difference, mcnemar, wilson
-from eigenfail.values import Comparison as Found
-from eigenfail.values import Cost, Estimate, Interval, Outcome, PairTotals, Rate, Side
+from eigenfail.values.comparison import Comparison as Found
+from eigenfail.values.comparison import PairTotals, Side
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Cost, Estimate, Interval, Rate
 
 HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
 DOUBT = "unresolved"

@@ -13,7 +13,9 @@ from eigenfail.gate.baselines import (
     select_version,
 )
 from eigenfail.suites import SuiteMember
-from eigenfail.values import CampaignSpec, CampaignState, DisturbanceModel, StopRules
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import TimeHeadway
 
 OTHER = {

@@ -25,33 +25,25 @@ from eigenfail.presentation.campaigns import (
 )
 from eigenfail.presentation.episodes import list_episode_facts, list_measures, tabulate_thresholds
 from eigenfail.testing.examples import spec
-from eigenfail.values import (
-    AXES,
+from eigenfail.values.analysis import (
+    AnalysedCampaign,
     AnalysisResult,
     Behaviour,
-    CampaignCost,
-    Comparison,
-    Cost,
-    Counts,
-    Course,
-    Estimate,
+    Diversity,
     FailureMode,
-    Interval,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Proof,
-    Rate,
-    Region,
-    Reproduction,
-    Side,
+    InfluenceShare,
+    Moment,
+    Stability,
 )
-from eigenfail.values.analysis import AnalysedCampaign, Diversity, InfluenceShare, Moment, Stability
-from eigenfail.values.comparison import Box
-from eigenfail.values.disturbance import ChannelLikelihood
-from eigenfail.values.proof import ExplainedStep
+from eigenfail.values.campaign import Counts
+from eigenfail.values.comparison import Box, Comparison, Region, Side
+from eigenfail.values.disturbance import AXES, ChannelLikelihood, NoiseTrajectory
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Cost, Estimate, Interval, Rate
+from eigenfail.values.measures import Measures
+from eigenfail.values.proof import ExplainedStep, Proof, Reproduction
 from eigenfail.values.records import Assessment, EpisodeDetail
-from eigenfail.values.summary import Errored, TimeSplit
+from eigenfail.values.summary import CampaignCost, Course, Errored, TimeSplit
 
 NONE = np.zeros((0, 2), np.float32)
 SAMPLED = Rate(0.25, 25, 100, Interval(0.175, 0.343))

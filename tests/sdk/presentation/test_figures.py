@@ -15,7 +15,7 @@ from eigenfail.presentation.tables import (
     format_line,
     transpose,
 )
-from eigenfail.values import Cost, Estimate, Interval, Rate
+from eigenfail.values.estimates import Cost, Estimate, Interval, Rate
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,10 @@ from eigenfail.presentation.campaigns import (
 )
 from eigenfail.presentation.suites import MemberResult, SuiteResult, describe_suite_result
 from eigenfail.presentation.terminal import render
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Cost,
-    Counts,
-    Estimate,
-    Interval,
-    Summary,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.estimates import Cost, Estimate, Interval
+from eigenfail.values.summary import Summary
 
 TOLD = Estimate(
     by="subset simulation",

@@ -3,8 +3,9 @@
 import pytest
 
 from eigenfail.presentation.analyses import NO_FAILURE, count_reproductions, describe_proof
-from eigenfail.values import CampaignState, Interval, Proof, Rate, Reproduction
-from eigenfail.values.proof import ProvenMode, ProvenScenario
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.estimates import Interval, Rate
+from eigenfail.values.proof import Proof, ProvenMode, ProvenScenario, Reproduction
 
 EVERYTHING = Interval(0.0, 1.0)
 

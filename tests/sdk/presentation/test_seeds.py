@@ -11,7 +11,7 @@ from eigenfail.presentation.seeds import (
     tabulate_spreads,
 )
 from eigenfail.presentation.tables import format_line
-from eigenfail.values import Cost, Interval
+from eigenfail.values.estimates import Cost, Interval
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 
 SHARE = SeedFigure(

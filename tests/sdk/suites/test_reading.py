@@ -22,7 +22,7 @@ from eigenfail.suites import (
     replace_references,
     resolve_references,
 )
-from eigenfail.values import Correlated, White
+from eigenfail.values.shapes import Correlated, White
 
 ROOT = Path(__file__).parents[3]
 BASE = '[base]\nmethod = "ast"\nepisodes = 7\nsettings.alpha = 10\n'

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, ProtocolError
-from eigenfail.values import NoiseTrajectory
 from eigenfail.values.arrays import decode_array
+from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.shapes import White
 
 

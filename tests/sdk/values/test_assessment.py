@@ -9,20 +9,19 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import (
-    AXES,
+from eigenfail.values.disturbance import AXES, NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import DIGESTED_MEASURES, Measures
+from eigenfail.values.records import (
+    IN_WORDS,
+    PEAK_BRAKING_MPS2,
     Assessment,
     ConflictClass,
-    Correlated,
-    EpisodeResult,
-    HeavyTailed,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
     assess,
+    is_unresolved,
+    make_episode_detail,
 )
-from eigenfail.values.measures import DIGESTED_MEASURES
-from eigenfail.values.records import IN_WORDS, PEAK_BRAKING_MPS2, is_unresolved, make_episode_detail
+from eigenfail.values.shapes import Correlated, HeavyTailed
 
 replace = msgspec.structs.replace
 many = settings(deadline=None, derandomize=True, max_examples=200)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, SimulatorError, UnknownName
-from eigenfail.values import CampaignSpec, Measures
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.measures import Measures
 from eigenfail.values.requirements import (
     COLLISION_ALONE,
     LARGEST,

@@ -4,7 +4,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.values import StopRules
+from eigenfail.values.campaign_spec import StopRules
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from msgspec import Meta
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import episode_seed
+from eigenfail.values.episode import episode_seed
 from eigenfail.values.variation import MAX_CORNERS, Empirical, in_words, read_variation
 
 SEEDS = [episode_seed(0, index) for index in range(400)]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from eigenfail.testing.examples import floats
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import (
     EpisodeSetup,
     EpisodeTask,
     PolicySource,

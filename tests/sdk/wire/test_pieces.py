@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values import EpisodeTask, TrajectorySource
+from eigenfail.values.episode import EpisodeTask, TrajectorySource
 from eigenfail.wire import messages
 from eigenfail.wire.messages import (
     MAX_FRAME_BYTES,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import UnknownName
-from eigenfail.values import AnalysisSettings
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import (
     Aligned,

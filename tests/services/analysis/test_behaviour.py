@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.values import AnalysisResult, AnalysisSettings, Floats
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
+from eigenfail.values.arrays import Floats
 from eigenfail.values.records import FailureCourse, Failures
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eigenfail.values import Scene, VehicleState
+from eigenfail.values.scene import Scene, VehicleState
 from eigenfail_services.analysis.footprints import (
     measure_clearances,
     measure_times_to_collision,

@@ -8,7 +8,7 @@ from sklearn.cluster import HDBSCAN
 from sklearn.metrics import adjusted_rand_score
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import AnalysisSettings, Stability
+from eigenfail.values.analysis import AnalysisSettings, Stability
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.alignment import check_clusterer
 from eigenfail_services.analysis.clusters import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
 from eigenfail_services.analysis.job import analyse

@@ -10,8 +10,10 @@ from msgspec.structs import replace
 from sklearn.metrics import adjusted_rand_score
 
 from eigenfail.presentation.analyses import describe_grouping
-from eigenfail.values import AnalysisResult, AnalysisSettings, Floats, Scene
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
+from eigenfail.values.arrays import Floats
 from eigenfail.values.records import FailureCourse, Failures
+from eigenfail.values.scene import Scene
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
 from eigenfail_services.analysis.behaviour import describe_contacts, mark_struck, read_motion

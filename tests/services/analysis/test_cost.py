@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.values import Cost, Rate
+from eigenfail.values.estimates import Cost, Rate
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.statistics.intervals import clopper_pearson, rate
 

@@ -4,7 +4,9 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import BlockTotals, Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.summary import BlockTotals
 from eigenfail_services.analysis.campaign_figures import choose_block_length, make_course
 from eigenfail_services.statistics.intervals import rate
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.analysis.campaign_figures import SLACK_S, has_unbilled_time
 
 STARTED_MS = 1_790_000_000_000

@@ -12,7 +12,7 @@ from sklearn.metrics import adjusted_rand_score
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import AnalysisResult, AnalysisSettings
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import clusters, job
 from eigenfail_services.analysis.job import analyse, hash_result

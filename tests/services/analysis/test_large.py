@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisSettings
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import components
 from eigenfail_services.analysis.alignment import FailureBatch, gather_failures

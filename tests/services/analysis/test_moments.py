@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisSettings
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import (
     FailureBatch,

@@ -5,19 +5,11 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.campaigns import describe_safety
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    ConflictClass,
-    Conflicts,
-    Counts,
-    FailurePoint,
-    MeanTime,
-    MeasureTotals,
-    SafetyTotals,
-    Unresolved,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.records import ConflictClass
+from eigenfail.values.safety import FailurePoint, MeasureTotals, SafetyTotals
+from eigenfail.values.summary import Conflicts, MeanTime, Unresolved
 from eigenfail_services.analysis.campaign_figures import make_safety
 from eigenfail_services.statistics.intervals import rate
 

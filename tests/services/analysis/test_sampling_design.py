@@ -5,20 +5,12 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.rates import explain_design, format_rate
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    EpisodeResult,
-    Interval,
-    LearnerContext,
-    NoiseTrajectory,
-    Outcome,
-    Rate,
-    RateDesign,
-    StopRules,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.estimates import Interval, Rate, RateDesign
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.analysis.sampling_design import SamplingDesign, find_end
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.methods.monte_carlo import MonteCarlo

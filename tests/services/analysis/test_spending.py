@@ -7,15 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    Overhead,
-    SpendingTotals,
-    StoredProgress,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts, Overhead
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.summary import SpendingTotals, StoredProgress
 from eigenfail_services.analysis.campaign_figures import (
     KnownModes,
     _find_longest_gap,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisResult, AnalysisSettings
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
 from eigenfail_services.analysis.job import analyse_gathered

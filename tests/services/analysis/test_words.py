@@ -8,16 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eigenfail.values import (
-    EpisodeResult,
-    ExplainedEpisode,
-    ExplainedStep,
-    Markov,
-    NoiseTrajectory,
-    Once,
-    Outcome,
-    PerChannel,
-)
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep
+from eigenfail.values.shapes import Markov, Once, PerChannel
 from eigenfail_services.analysis.words import (
     FAINT,
     JOINED,

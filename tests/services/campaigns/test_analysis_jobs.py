@@ -15,16 +15,12 @@ from store_checks.examples import analyse_function, deliver, name_channels, runn
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    AnalysisState,
-    Correlated,
-    DisturbanceModel,
-    Outcome,
-)
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, AnalysisState
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Job, JobKind
 from eigenfail.values.requirements import TimeHeadway
+from eigenfail.values.shapes import Correlated
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.job import hash_result
 from eigenfail_services.bounds import SettingBounds

@@ -8,7 +8,8 @@ import pytest
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import MAX_DEPTH
-from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail_services.campaigns.resolution import fill_defaults, resolve_campaign
 from eigenfail_services.campaigns.validation import check_spec
 
@@ -101,7 +102,7 @@ def test_a_wrong_spec_has_no_horizon():
 
 def test_checking_loads_nothing_heavy():
     code = (
-        "import sys; from eigenfail.values import CampaignSpec\n"
+        "import sys; from eigenfail.values.campaign_spec import CampaignSpec\n"
         "from eigenfail_services.campaigns.validation import check_spec\n"
         "for method in ('monte_carlo', 'ast', 'difs', 'cem', 'replay', 'subset'):\n"
         "    check_spec(CampaignSpec(name='n', method=method, episodes=500))\n"

@@ -7,7 +7,9 @@ import pytest
 
 from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.values import AXES, Campaign, CampaignSpec, CampaignState
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.operations import Arrival
 from eigenfail_services.campaigns.drafts import (
     change_fields,

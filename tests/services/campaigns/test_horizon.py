@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail import functions, plugins
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.campaigns.summary import find_horizon_s
 
 SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=10)

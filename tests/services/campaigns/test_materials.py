@@ -10,20 +10,19 @@ from store_checks.examples import deliver, name_channels, result_of
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.testing.examples import analysis_result
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    CampaignState,
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeTask,
-    Measures,
     Outcome,
     PriorSource,
-    StopRules,
     episode_seed,
     learner_seed,
     unrunnable,
 )
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Start, encode, read_learner_command
 from eigenfail_services.campaigns import references as context_module

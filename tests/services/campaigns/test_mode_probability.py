@@ -10,17 +10,12 @@ from store_checks.examples import deliver, running
 from eigenfail import plugins
 from eigenfail.settings import read_settings
 from eigenfail.testing.examples import make_errored_result
-from eigenfail.values import (
-    AnalysisResult,
-    Campaign,
-    CampaignState,
-    EpisodeResult,
-    Estimate,
-    FailureMode,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
+from eigenfail.values.analysis import AnalysisResult, FailureMode
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.measures import Measures
 from eigenfail_services.campaigns.mode_probability import (
     add_probabilities,
     estimate_by_known_proposal,

@@ -12,17 +12,14 @@ from parallel_rounds import CORRIDOR, describe, make_rounds, play, run
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method
 from eigenfail.testing.learner import ToyEngine
-from eigenfail.values import (
-    STATE,
-    CampaignSpec,
-    Layer,
-    Policy,
-    StopRules,
-)
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.learning import (
     IN_FLIGHT,
     MOST_OPEN_ROUNDS,
     OPEN_GROUPS,
+    STATE,
+    Layer,
+    Policy,
     choose_group_size,
     count_rounds_ahead,
 )

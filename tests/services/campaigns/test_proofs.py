@@ -13,21 +13,15 @@ from eigenfail import plugins
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.process_state import ProcessState
 from eigenfail.testing.examples import analysis_result
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    CampaignState,
-    Channel,
-    DisturbanceModel,
-    ExplainedEpisode,
-    ExplainedStep,
-    HeavyTailed,
-    LearnerContext,
-    NearestFailure,
-    NoiseTrajectory,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.learning import LearnerContext
+from eigenfail.values.proof import ExplainedEpisode, ExplainedStep, NearestFailure
 from eigenfail.values.records import Delivery
-from eigenfail.values.shapes import Correlated
+from eigenfail.values.shapes import Correlated, HeavyTailed
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns import explanations as words_module
 from eigenfail_services.campaigns import minimal_failures

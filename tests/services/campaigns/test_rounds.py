@@ -8,15 +8,8 @@ from hypothesis import strategies as st
 
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import (
-    STATE,
-    Layer,
-    Policy,
-    PolicySource,
-    PriorSource,
-    Proposal,
-    episode_seed,
-)
+from eigenfail.values.episode import PolicySource, PriorSource, episode_seed
+from eigenfail.values.learning import STATE, Layer, Policy, Proposal
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 ENGINE = ToyEngine(Corridor(steps=5))

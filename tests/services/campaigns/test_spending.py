@@ -5,13 +5,8 @@ import pytest
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    FailureMode,
-    Overhead,
-)
-from eigenfail.values.analysis import FEWEST_OF_MODE
+from eigenfail.values.analysis import FEWEST_OF_MODE, AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.values.campaign import Overhead
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.store import open_store
 

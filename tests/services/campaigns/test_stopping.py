@@ -6,18 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import (
-    EpisodeFault,
-    EpisodeResult,
-    Estimate,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    PriorSource,
-    Proposal,
-    StopRules,
-    unrunnable,
-)
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome, PriorSource, unrunnable
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import Proposal
+from eigenfail.values.measures import Measures
 from eigenfail_services.campaigns.rounds import Rounds, Tally, judge_results, judge_time
 from eigenfail_services.statistics.intervals import bound_sequence, confidence_sequence
 

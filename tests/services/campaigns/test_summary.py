@@ -5,21 +5,11 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.tables import format_cell
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Conflicts,
-    Counts,
-    Estimate,
-    Interval,
-    MeanTime,
-    Rate,
-    RateDesign,
-    StopRules,
-    Unresolved,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.estimates import Estimate, Interval, Rate, RateDesign
 from eigenfail.values.records import ConflictTotals, Totals
+from eigenfail.values.summary import Conflicts, MeanTime, Unresolved
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import clopper_pearson, confidence_sequence, rate

@@ -5,17 +5,10 @@ from queue import SimpleQueue
 import pytest
 
 from eigenfail.errors import NotFound, StoreUnavailable
-from eigenfail.values import (
-    AnalysisSettings,
-    CampaignSpec,
-    CampaignState,
-    EpisodeFault,
-    EpisodeTask,
-    Priority,
-    PriorSource,
-    StopRules,
-    unrunnable,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, Priority, StopRules
+from eigenfail.values.episode import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.campaigns import supervisor as module
 from eigenfail_services.campaigns.supervisor import Supervisor

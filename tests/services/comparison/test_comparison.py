@@ -12,21 +12,15 @@ from store_checks.examples import deliver, name_channels
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.intervals import difference, find_interval, paired_difference
 from eigenfail.testing.examples import make_errored_result, result
-from eigenfail.values import (
-    CampaignSpec,
-    CampaignState,
-    Correlated,
-    DisturbanceModel,
-    EpisodeResult,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    PairTotals,
-    Rate,
-    RateDesign,
-    StopRules,
-)
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.comparison import PairTotals
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.estimates import Rate, RateDesign
+from eigenfail.values.measures import Measures
 from eigenfail.values.requirements import NoCollision, TimeHeadway
+from eigenfail.values.shapes import Correlated
 from eigenfail_services.comparison.comparability import (
     THINGS,
     find_differing_fields,

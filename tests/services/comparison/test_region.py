@@ -7,7 +7,7 @@ from store_checks.examples import deliver, running
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.testing.examples import collision, result
-from eigenfail.values import episode_seed
+from eigenfail.values.episode import episode_seed
 from eigenfail.values.variation import read_variation
 from eigenfail_services.comparison.region import find_region, make_columns
 from eigenfail_services.store import open_store

@@ -7,7 +7,8 @@ from eigenfail.errors import NotFound
 from eigenfail.intervals import ERROR, find_upper_bound, wilson
 from eigenfail.presentation.figures import format_percent_interval
 from eigenfail.presentation.releases import compare_newest
-from eigenfail.values import AnalysedCampaign, AnalysisSettings, StopRules
+from eigenfail.values.analysis import AnalysedCampaign, AnalysisSettings
+from eigenfail.values.campaign_spec import StopRules
 from eigenfail.values.release import ModeStatus
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.comparison import releases

@@ -11,7 +11,8 @@ from eigenfail.errors import NotFound
 from eigenfail.presentation.seeds import list_spread
 from eigenfail.presentation.tables import format_cell
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values import Campaign, CampaignState, Priority
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import Priority
 from eigenfail_services.comparison.comparability import group_alike
 from eigenfail_services.comparison.seeds import OF_THE_SEARCH, find_spreads, make_suite_table
 from eigenfail_services.comparison.sides import group_by_seed

@@ -10,7 +10,7 @@ import deadlines
 import pytest
 
 from eigenfail.errors import NotFound, ServiceError
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.export import ExportRequest
 from eigenfail_services import export_jobs
 from eigenfail_services.export_jobs import ExportJobs, find_export_folder

@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.errors import NotFound, StoreUnavailable
-from eigenfail.values import EpisodeFault, EpisodeTask, PriorSource, unrunnable
+from eigenfail.values.episode import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub import commits
 from eigenfail_services.hub.commits import CommitQueue

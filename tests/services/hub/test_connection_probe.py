@@ -10,7 +10,7 @@ from contextlib import suppress
 import pytest
 import zmq
 
-from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello, encode
 from eigenfail_services.hub import worker_sessions as module
 from eigenfail_services.hub.commits import MAX_DEATHS

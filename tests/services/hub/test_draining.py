@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Goodbye, Hello, Lease, encode
 from eigenfail_services.hub import worker_sessions as module
 from eigenfail_services.hub.leases import Leases

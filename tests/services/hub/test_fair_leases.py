@@ -8,7 +8,7 @@ from typing import Self
 
 import pytest
 
-from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 

@@ -11,7 +11,8 @@ import pytest
 from sqlalchemy import update
 
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Start, Stop
 from eigenfail_services.campaigns.references import learner_context

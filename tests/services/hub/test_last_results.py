@@ -8,7 +8,7 @@ import pytest
 import zmq
 from store_checks.examples import running
 
-from eigenfail.values import EpisodeFault, EpisodeTask, unrunnable
+from eigenfail.values.episode import EpisodeFault, EpisodeTask, unrunnable
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,

@@ -4,8 +4,10 @@ from math import sqrt
 
 import numpy as np
 
-from eigenfail.values import LearnerContext, Measures, NoiseTrajectory, Outcome, unrunnable
-from eigenfail.values.episode import EpisodeFault, EpisodeResult
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome, unrunnable
+from eigenfail.values.learning import LearnerContext
+from eigenfail.values.measures import Measures
 from eigenfail.wire.messages import Start, encode, read_learner_message
 from eigenfail_services.hub.learner_process import create_rounds, make_proposal
 

@@ -6,17 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.values import (
-    EpisodeTask,
-    Estimate,
-    Interval,
-    Layer,
-    Policy,
-    PolicySource,
-    PriorSource,
-    Round,
-    TrajectorySource,
-)
+from eigenfail.values.episode import EpisodeTask, PolicySource, PriorSource, TrajectorySource
+from eigenfail.values.estimates import Estimate, Interval
+from eigenfail.values.learning import Layer, Policy, Round
 from eigenfail.wire.messages import Diverged, Proposed, Trouble
 from eigenfail_services.hub.learner_link import (
     FailureKind,

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from lives import lives
 
-from eigenfail.values import CampaignSpec, EpisodeTask, PolicySource, PriorSource
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, PolicySource, PriorSource
 from eigenfail.wire.messages import FINISHED, PROTOCOL, Hello, Holding, fingerprint_task
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS

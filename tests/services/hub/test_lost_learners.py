@@ -19,16 +19,11 @@ import pytest
 import zmq
 
 from eigenfail import plugins
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    EpisodeResult,
-    EpisodeTask,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.wire.messages import (
     PROTOCOL,
     Heartbeat,

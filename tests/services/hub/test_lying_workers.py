@@ -6,7 +6,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.hub.metrics import TimeAccounting
 from eigenfail_services.store import open_store

@@ -8,17 +8,16 @@ import pytest
 from store_checks.examples import name_channels, result_of
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.values import (
-    STATE,
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
-    NoiseTrajectory,
     PriorSource,
-    Round,
     unrunnable,
 )
+from eigenfail.values.learning import STATE, Round
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases

@@ -5,15 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import (
-    EpisodeFault,
-    EpisodeTask,
-    Layer,
-    Policy,
-    PriorSource,
-    Round,
-    unrunnable,
-)
+from eigenfail.values.episode import EpisodeFault, EpisodeTask, PriorSource, unrunnable
+from eigenfail.values.learning import Layer, Policy, Round
 from eigenfail_services.hub.open_rounds import RoundCollector
 
 

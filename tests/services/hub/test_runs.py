@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
-    Estimate,
-    LearnerContext,
-    Measures,
     PriorSource,
-    Round,
     unrunnable,
 )
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext, Round
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Proposed, Start, Trouble, encode
 from eigenfail_services.bounds import NO_BOUNDS

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 

@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 
-from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.worker_table import WORK_AHEAD_S

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.values import Overhead
+from eigenfail.values.campaign import Overhead
 from eigenfail_services.hub.metrics import CampaignPhase, TimeAccounting
 
 

@@ -5,7 +5,7 @@ from store_checks.examples import running
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result
-from eigenfail.values import EpisodeTask, Outcome, PriorSource
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.commits import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.leases import Leases

@@ -6,17 +6,16 @@ import pytest
 from structlog.testing import capture_logs
 
 from eigenfail.bridges import MAX_OFFER_BYTES, BridgeOffer, OfferedPlanner, OfferedScenario
-from eigenfail.values import (
-    CampaignSpec,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeTask,
-    Layer,
-    Policy,
     PolicySource,
     PriorSource,
     Source,
     unrunnable,
 )
+from eigenfail.values.learning import Layer, Policy
 from eigenfail.values.records import Verdict
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (

@@ -8,16 +8,10 @@ import pytest
 
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import (
-    EpisodeFault,
-    EpisodeResult,
-    LearnerContext,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    learner_seed,
-    unrunnable,
-)
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome, learner_seed, unrunnable
+from eigenfail.values.learning import LearnerContext
+from eigenfail.values.measures import Measures
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 sys.path.append(str(Path(__file__).parent))

@@ -7,7 +7,8 @@ import torch
 from eigenfail.errors import InvalidValue, LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import LearnerContext, PolicySource
+from eigenfail.values.episode import PolicySource
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.ast.settings import AstSettings

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import LearnerFailed
-from eigenfail.values import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail_services.methods.ast.decisions import DecisionProcess, is_usable, make_decisions
 from eigenfail_services.methods.ast.reward import PaperReward
 

@@ -7,17 +7,9 @@ import numpy as np
 import pytest
 
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import (
-    STATE,
-    EpisodeTask,
-    Layer,
-    Once,
-    PerChannel,
-    Policy,
-    PolicySource,
-    White,
-    episode_seed,
-)
+from eigenfail.values.episode import EpisodeTask, PolicySource, episode_seed
+from eigenfail.values.learning import STATE, Layer, Policy
+from eigenfail.values.shapes import Once, PerChannel, White
 from eigenfail_services.methods.ast.probability import (
     EDGE,
     MIN_STD,

@@ -11,7 +11,8 @@ from eigenfail.contracts import Estimator
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
-from eigenfail.values import LearnerContext, Predecessor, learner_seed
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext, Predecessor
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting, AstFacts

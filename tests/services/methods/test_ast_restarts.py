@@ -9,7 +9,7 @@ import pytest
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.ast.attempts import Attempt, RestartRule
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting

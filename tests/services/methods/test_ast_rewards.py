@@ -7,7 +7,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.ast.method import REWARDS, make_reward
 from eigenfail_services.methods.ast.settings import AstSettings
 

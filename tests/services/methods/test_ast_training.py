@@ -9,7 +9,8 @@ import pytest
 from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
-from eigenfail.values import LearnerContext, PolicySource, Predecessor
+from eigenfail.values.episode import PolicySource
+from eigenfail.values.learning import LearnerContext, Predecessor
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 

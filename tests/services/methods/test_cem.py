@@ -9,15 +9,10 @@ from eigenfail.contracts import Estimator
 from eigenfail.errors import ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor
-from eigenfail.values import (
-    EpisodeResult,
-    EpisodeTask,
-    LearnerContext,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    learner_seed,
-)
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, learner_seed
+from eigenfail.values.learning import LearnerContext
+from eigenfail.values.measures import Measures
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.cem import CrossEntropyMethod, log_weights
 from eigenfail_services.statistics.importance import NO_ROUND, NOT_YET

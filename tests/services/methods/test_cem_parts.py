@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.values import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail_services.methods.cem import (
     GaussianProposal,
     average_over_steps,

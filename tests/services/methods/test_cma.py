@@ -7,7 +7,8 @@ from eigenfail.errors import InvalidValue
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import ToyEngine
-from eigenfail.values import EpisodeTask, LearnerContext, TrajectorySource, episode_seed
+from eigenfail.values.episode import EpisodeTask, TrajectorySource, episode_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.cma import (
     CovarianceAdaptation,

@@ -5,7 +5,7 @@ from types import MappingProxyType
 import numpy as np
 
 from eigenfail.testing.learner import LearnerSuite
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.cma import CovarianceAdaptation

@@ -13,7 +13,9 @@ import torch
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec, CampaignState, LearnerContext
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub

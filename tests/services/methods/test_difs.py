@@ -7,7 +7,8 @@ import torch
 from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor
-from eigenfail.values import Experience, LearnerContext, PriorSource, TrajectorySource
+from eigenfail.values.episode import PriorSource, TrajectorySource
+from eigenfail.values.learning import Experience, LearnerContext
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eigenfail.settings import read_settings
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.difs.model import DiffusionModel
 from eigenfail_services.methods.difs.modes import (

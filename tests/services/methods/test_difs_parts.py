@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from eigenfail.values import Measures, Outcome
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail_services.methods.difs import model as diffusion
 from eigenfail_services.methods.difs.model import DiffusionModel, shift_in_time
 from eigenfail_services.methods.difs.network import Denoiser

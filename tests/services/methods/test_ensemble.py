@@ -11,17 +11,9 @@ from eigenfail.contracts import Exploiter
 from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
-from eigenfail.values import (
-    Estimate,
-    Layer,
-    LearnerContext,
-    Outcome,
-    Policy,
-    PolicySource,
-    Proposal,
-    TrajectorySource,
-    learner_seed,
-)
+from eigenfail.values.episode import Outcome, PolicySource, TrajectorySource, learner_seed
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import Layer, LearnerContext, Policy, Proposal
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.ensemble import Ensemble, divide_episodes, make_member_seed

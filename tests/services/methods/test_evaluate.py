@@ -10,7 +10,8 @@ from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.plugins import METHODS, load
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
-from eigenfail.values import LearnerContext, PolicySource, Predecessor, learner_seed
+from eigenfail.values.episode import PolicySource, learner_seed
+from eigenfail.values.learning import LearnerContext, Predecessor
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.evaluate import Evaluate
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.held import HeldNoise
 
 HORIZON = 100

@@ -5,7 +5,8 @@ import pytest
 
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.settings import read_settings
-from eigenfail.values import EpisodeFault, LearnerContext, unrunnable
+from eigenfail.values.episode import EpisodeFault, unrunnable
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import minimal_search
 from eigenfail_services.methods.minimal import Minimal, read_state
@@ -139,7 +140,7 @@ def test_a_failure_that_is_none_is_refused_with_what_to_do(shrink):
 def test_a_failure_that_could_not_be_run_is_tried_again(noise_engine):
     learner = learner_of(noise())
     (source,) = learner.propose(10).sources
-    from eigenfail.values import EpisodeTask
+    from eigenfail.values.episode import EpisodeTask
 
     task = EpisodeTask(0, 0, source)
     learner.observe([unrunnable(task, EpisodeFault("simulator", "test"))])

@@ -6,14 +6,11 @@ import pytest
 
 from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.intervals import find_upper_bound
-from eigenfail.values import (
-    EpisodeResult,
-    Estimate,
-    LearnerContext,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import LearnerContext
+from eigenfail.values.measures import Measures
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.mixture import (
     BLIND,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.nearest import (
     GRID,
     HALVINGS,

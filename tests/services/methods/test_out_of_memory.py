@@ -9,7 +9,7 @@ import torch
 
 from eigenfail.errors import LearnerDiverged
 from eigenfail.settings import read_settings
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.tensors import wrap_memory_errors
 

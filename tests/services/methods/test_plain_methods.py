@@ -10,7 +10,8 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor
-from eigenfail.values import LearnerContext, PriorSource
+from eigenfail.values.episode import PriorSource
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.replay import Replay
 

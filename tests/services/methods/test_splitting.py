@@ -6,7 +6,8 @@ import pytest
 
 from eigenfail.errors import InvalidValue, LearnerFailed, ProtocolError
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import EpisodeTask, Importance, LearnerContext
+from eigenfail.values.episode import EpisodeTask, Importance
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.splitting import MultilevelSplitting, SplittingSettings

@@ -10,7 +10,8 @@ from scipy.stats.qmc import Sobol
 from eigenfail.contracts import Estimator
 from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.settings import read_settings
-from eigenfail.values import LearnerContext, learner_seed
+from eigenfail.values.episode import learner_seed
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.subset import MOST_VALUES, SubsetMethod
 from eigenfail_services.statistics.subset_simulation import (

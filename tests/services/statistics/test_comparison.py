@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import Z, difference, mcnemar, paired_difference, wilson
-from eigenfail.values import Interval, PairTotals, Rate
+from eigenfail.values.comparison import PairTotals
+from eigenfail.values.estimates import Interval, Rate
 
 # Newcombe 1998, Table II, method 10: p1 − p2 for k1/n1 and k2/n2.
 NEWCOMBE = [

@@ -5,7 +5,8 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from eigenfail.values import NoiseTrajectory, shapes
+from eigenfail.values import shapes
+from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.shapes import (
     Autoregressive,
     Correlated,

@@ -8,7 +8,7 @@ from scipy.special import betaln, xlog1py, xlogy
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import ERROR, Z, find_interval, find_upper_bound, wilson
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_services.statistics.intervals import clopper_pearson, confidence_sequence, rate
 
 

@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from eigenfail.values import Estimate
+from eigenfail.values.estimates import Estimate
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_services.statistics.pooled_estimate import pool_estimates
 

@@ -6,7 +6,7 @@ from sqlalchemy import text
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values import Campaign, CampaignState
+from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store

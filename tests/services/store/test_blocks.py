@@ -9,8 +9,9 @@ from sqlalchemy import update
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import analysis_result, collision
-from eigenfail.values import AnalysisSettings, Diversity, NoiseTrajectory
+from eigenfail.values.analysis import AnalysisSettings, Diversity
 from eigenfail.values.arrays import encode_array
+from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import analyses

@@ -6,7 +6,7 @@ from sqlalchemy import update
 from store_checks.examples import running
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values import LearnerContext
+from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.methods.cem import CemSettings, CrossEntropyMethod
 from eigenfail_services.store import Store

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import spec
-from eigenfail.values import CampaignSpec, Priority
+from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail_services.store import open_store
 from eigenfail_services.store.campaign_creation import derive_key, hash_specs
 from eigenfail_services.store.codec import spec_text

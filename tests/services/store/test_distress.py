@@ -16,7 +16,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import StoreUnwritable
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import Campaign
+from eigenfail.values.campaign import Campaign
 from eigenfail_services.store import Store, alarms, open_store
 from eigenfail_services.store.engine import find_backend
 from eigenfail_services.upkeep.verify import verify

@@ -23,8 +23,9 @@ from eigenfail.filters import (
     parse_filter,
 )
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import Measures, Outcome
 from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail_services.store import open_store
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend

@@ -3,7 +3,8 @@
 import pytest
 
 from eigenfail.errors import IllegalTransition
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.store.lifecycle import (
     MOVES,
     PHRASES,

@@ -19,7 +19,8 @@ from store_checks.examples import deliver
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import FINAL_STATES, CampaignState, Counts, Outcome
+from eigenfail.values.campaign import FINAL_STATES, CampaignState, Counts
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Verdict
 from eigenfail_services.store import open_store
 from eigenfail_services.store.lifecycle import MOVES, REPEATABLE

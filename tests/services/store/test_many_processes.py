@@ -14,7 +14,7 @@ from store_checks.crowds import at_once
 from store_checks.jobs import waited_for
 
 from eigenfail.testing.examples import spec
-from eigenfail.values import Campaign, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store, open_store
 
@@ -31,7 +31,7 @@ import json, sys, time
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from store_checks.examples import deliver, running
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.records import Delivery
 from eigenfail_services.store import open_store
 def tell(**words): print(json.dumps(words), flush=True)

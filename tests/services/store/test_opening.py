@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from eigenfail.errors import InvalidValue, SchemaMismatch, StoreUnavailable
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.store import migrate, open_store
 
 SECRET = "hunter2sesame"

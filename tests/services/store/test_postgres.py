@@ -20,7 +20,8 @@ from store_checks.webhooks import LONG_S, add
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import AnalysisSettings, CampaignState
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
 from eigenfail_services.store import engine, events, open_store
 from eigenfail_services.store.campaign_rows import lock_campaign
 from eigenfail_services.store.clock import now_ms

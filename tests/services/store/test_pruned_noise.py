@@ -10,12 +10,8 @@ from store_checks.examples import WORKER, deliver, running
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue, NoisePruned
 from eigenfail.testing.examples import collision, result, spec
-from eigenfail.values import (
-    AnalysisSettings,
-    EpisodeTask,
-    PriorSource,
-    episode_seed,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.export import ExportRequest
 from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery

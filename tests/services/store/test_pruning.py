@@ -16,9 +16,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import (
-    CampaignState,
-)
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.summary import find_safety, summarise
 from eigenfail_services.store import Store, open_store, retention

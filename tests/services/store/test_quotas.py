@@ -9,8 +9,8 @@ from store_checks.quotas import key_with
 
 from eigenfail.errors import QuotaExceeded
 from eigenfail.testing.examples import spec
-from eigenfail.values import Priority
 from eigenfail.values.access import Quotas, Usage
+from eigenfail.values.campaign_spec import Priority
 from eigenfail_services.store import access, campaign_rows, campaigns, jobs, open_store
 from eigenfail_services.store.access import DAY_MS
 

@@ -10,7 +10,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import SchemaMismatch, ServiceError, StoreUnavailable
 from eigenfail.testing.examples import result
-from eigenfail.values import CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail_services.store import open_store, schema
 from eigenfail_services.upkeep import maintenance as module

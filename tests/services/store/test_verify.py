@@ -13,7 +13,9 @@ from eigenfail import plugins
 from eigenfail.errors import SchemaMismatch, StoreUnavailable
 from eigenfail.process_state import ProcessState
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values import AnalysisSettings, CampaignState, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.operations import Check, Verification
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint

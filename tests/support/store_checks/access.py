@@ -2,8 +2,8 @@
 
 from eigenfail.errors import NotFound
 from eigenfail.testing import expect, expect_error
-from eigenfail.values import Page
 from eigenfail.values.access import AuditEntry, Change, Scope
+from eigenfail.values.records import Page
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, equal
 

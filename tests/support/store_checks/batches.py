@@ -3,7 +3,8 @@
 from eigenfail.errors import IdempotencyMismatch
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
-from eigenfail.values import CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store
 from store_checks.crowds import CROWD, at_once

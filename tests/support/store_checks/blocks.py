@@ -6,7 +6,10 @@ from msgspec.structs import replace
 
 from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
-from eigenfail.values import BlockTotals, EpisodeResult, Measures, PairTotals
+from eigenfail.values.comparison import PairTotals
+from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.measures import Measures
+from eigenfail.values.summary import BlockTotals
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 

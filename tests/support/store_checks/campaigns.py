@@ -6,8 +6,8 @@ from eigenfail.errors import IdempotencyMismatch, InvalidValue, NotFound
 from eigenfail.filters import parse_campaign_sort
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, result, spec
-from eigenfail.values import AnalysisSettings, CampaignState, Counts
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignFilter, CampaignState, Counts
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, equal

@@ -7,8 +7,9 @@ from msgspec.structs import replace
 from eigenfail.filters import WORST_FIRST, make_outcome_condition
 from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
-from eigenfail.values import ConflictClass, EpisodeResult, Measures, Outcome, assess
-from eigenfail.values.records import ConflictTotals
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
+from eigenfail.values.records import ConflictClass, ConflictTotals, assess
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running
 

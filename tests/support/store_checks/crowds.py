@@ -13,7 +13,9 @@ import deadlines
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import AnalysisSettings, CampaignState, Counts, Event
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState, Counts
+from eigenfail.values.operations import Event
 from eigenfail.values.records import Verdict
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running

@@ -10,23 +10,14 @@ from msgspec.structs import replace
 from eigenfail.errors import NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, floats, make_errored_result, result
-from eigenfail.values import (
-    FINAL_STATES,
-    MEASURES,
-    STATE,
-    Campaign,
-    CampaignState,
-    Correlated,
-    Counts,
-    DisturbanceModel,
-    EpisodeResult,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-    Scene,
-)
-from eigenfail.values.learning import count_state
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, Counts
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.learning import STATE, count_state
+from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.records import Delivery, Verdict
+from eigenfail.values.scene import Scene
+from eigenfail.values.shapes import Correlated
 from eigenfail_services.store import Store
 from store_checks.examples import (
     WORKER,

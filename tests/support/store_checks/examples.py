@@ -7,16 +7,12 @@ import numpy as np
 
 from eigenfail.testing import expect
 from eigenfail.testing.examples import floats, result, spec
-from eigenfail.values import (
-    AnalysisSettings,
-    Campaign,
-    CampaignState,
-    EpisodeResult,
-    Floats,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
-)
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.store import Store

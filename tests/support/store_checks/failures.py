@@ -5,10 +5,11 @@ from msgspec.structs import replace
 from eigenfail.errors import InvalidValue
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import collision, result
-from eigenfail.values import CampaignState, Measures, Outcome
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import CampaignFilter, CampaignState
 from eigenfail.values.campaign_spec import MAX_EPISODES
+from eigenfail.values.episode import Outcome
 from eigenfail.values.failures import FailureFilter
+from eigenfail.values.measures import Measures
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running
 

@@ -6,7 +6,8 @@ from threading import Thread
 from eigenfail.errors import ClaimLost
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import result
-from eigenfail.values import Campaign, CampaignState, Estimate, Overhead
+from eigenfail.values.campaign import Campaign, CampaignState, Overhead
+from eigenfail.values.estimates import Estimate
 from eigenfail.values.records import Job, Verdict
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running

@@ -3,8 +3,9 @@
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import CampaignState, Outcome, StopRules
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import CampaignFilter, CampaignState
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Delivery, FrequentFault
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running

@@ -6,7 +6,8 @@ import deadlines
 
 from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
+from eigenfail.values.analysis import AnalysisSettings, AnalysisState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running

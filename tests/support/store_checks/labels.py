@@ -3,8 +3,8 @@
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import spec
-from eigenfail.values import CampaignSpec
 from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.store import Store
 from eigenfail_services.store.codec import spec_hash
 from store_checks.examples import equal

@@ -6,7 +6,8 @@ from eigenfail.errors import NotFound
 from eigenfail.filters import SortOrder, parse_filter
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import CRASH, analysis_result, collision
-from eigenfail.values import AnalysisResult, AnalysisSettings, Campaign, Mode
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, Mode
+from eigenfail.values.campaign import Campaign
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 

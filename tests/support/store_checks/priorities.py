@@ -3,7 +3,9 @@
 from eigenfail.errors import IdempotencyMismatch, IllegalTransition, NotFound
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
-from eigenfail.values import AnalysisSettings, CampaignState, Priority
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, equal

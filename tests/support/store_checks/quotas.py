@@ -5,8 +5,9 @@ from collections.abc import Callable
 from eigenfail.errors import NotFound, QuotaExceeded
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import result, spec
-from eigenfail.values import CampaignState, Page
 from eigenfail.values.access import UNLIMITED, Quotas, Scope, Usage
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.records import Page
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal
 

@@ -3,14 +3,9 @@
 from eigenfail.errors import NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    AnalysisState,
-    CampaignState,
-    Estimate,
-    Interval,
-)
+from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, AnalysisState
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, alike, equal, running

@@ -8,7 +8,9 @@ from msgspec.structs import replace
 
 from eigenfail.testing.examples import analysis_result, collision, floats
 from eigenfail.testing.examples import result as make_result
-from eigenfail.values import Campaign, CampaignState, FailureMode, Scene
+from eigenfail.values.analysis import FailureMode
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.scene import Scene
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, running
 from store_checks.modes import analysed

@@ -6,9 +6,11 @@ from msgspec.structs import replace
 
 from eigenfail.filters import parse_filter, parse_sort
 from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values import EpisodeResult, Measures, Outcome, RequirementTotals
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, EpisodeRow, Verdict
 from eigenfail.values.requirements import NoCollision, TimeHeadway
+from eigenfail.values.safety import RequirementTotals
 from eigenfail_services.store import Store
 from store_checks.examples import WORKER, deliver, equal, running
 

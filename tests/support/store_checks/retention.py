@@ -3,7 +3,8 @@
 from eigenfail.errors import Conflict, NoisePruned, NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import AnalysisSettings, Campaign, CampaignState
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import Retention, Weight
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running

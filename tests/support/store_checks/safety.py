@@ -5,17 +5,12 @@ import time
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
-from eigenfail.values import (
-    ConflictClass,
-    EpisodeResult,
-    FailurePoint,
-    Measures,
-    MeasureTotals,
-    Overhead,
-    SafetyTotals,
-    SpendingTotals,
-)
-from eigenfail.values.episode import MAX_SEED
+from eigenfail.values.campaign import Overhead
+from eigenfail.values.episode import MAX_SEED, EpisodeResult
+from eigenfail.values.measures import Measures
+from eigenfail.values.records import ConflictClass
+from eigenfail.values.safety import FailurePoint, MeasureTotals, SafetyTotals
+from eigenfail.values.summary import SpendingTotals
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 

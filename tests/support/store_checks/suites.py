@@ -2,8 +2,8 @@
 
 from eigenfail.errors import IdempotencyMismatch
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
-from eigenfail.values import CampaignState, Page
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import CampaignFilter, CampaignState
+from eigenfail.values.records import Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running

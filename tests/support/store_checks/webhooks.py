@@ -12,7 +12,8 @@ from eigenfail.errors import Conflict, IllegalTransition, NotFound
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
-from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
+from eigenfail.values.analysis import AnalysisSettings, AnalysisState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.webhooks import (
     EVERY_EVENT,
     LAST_DELIVERIES,

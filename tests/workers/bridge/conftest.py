@@ -15,7 +15,8 @@ from msgspec.msgpack import decode, encode
 from msgspec.structs import replace
 
 from eigenfail.contracts import Simulation
-from eigenfail.values import DisturbanceModel, EpisodeSetup
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup
 from eigenfail_workers.bridge.connection import SharedConnection, make_timeouts
 from eigenfail_workers.bridge.engine import BridgeEngine
 

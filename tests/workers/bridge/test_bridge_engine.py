@@ -5,8 +5,8 @@ import pytest
 
 from eigenfail.contracts import LockstepEngine
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    DisturbanceModel,
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeSetup,
     EpisodeTask,
     Outcome,

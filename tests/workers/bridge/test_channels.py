@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import (
-    CampaignSpec,
-    Channel,
-    DisturbanceModel,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import ALL_CHANNELS, Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeSetup,
     EpisodeTask,
-    Markov,
     PriorSource,
     TrajectorySource,
     episode_seed,
 )
-from eigenfail.values.channels import ALL_CHANNELS
+from eigenfail.values.shapes import Markov
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.engine import Engine
 

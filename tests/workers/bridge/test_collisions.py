@@ -5,14 +5,8 @@ from typing import Any, ClassVar
 import pytest
 
 from eigenfail.cli.plugin_checks import CheckVerdict
-from eigenfail.values import (
-    Control,
-    EpisodeTask,
-    Observation,
-    Outcome,
-    PriorSource,
-    VehicleState,
-)
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.bridge import checks
 
 STEPS = 50

@@ -3,15 +3,9 @@
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    DisturbanceModel,
-    EpisodeSetup,
-    EpisodeTask,
-    Observation,
-    PriorSource,
-    VehicleState,
-    episode_seed,
-)
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.explain import explain
 
 BUILT_IN = EpisodeSetup("highway", "cut_in", {}, "rulebook", {}, DisturbanceModel(scale=2.0))

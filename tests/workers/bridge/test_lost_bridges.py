@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import DisturbanceModel, EpisodeResult, EpisodeSetup, EpisodeTask, PriorSource
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, PriorSource
 from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.engine import Engine
 

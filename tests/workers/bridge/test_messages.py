@@ -13,7 +13,9 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import check_channels
 from eigenfail.errors import PlannerError, SimulatorError
-from eigenfail.values import POSITION, Channel, Control, Observation, VehicleState
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers import bridge
 from eigenfail_workers.bridge import messages as said
 from eigenfail_workers.bridge.episode import ObservationReader, record_step

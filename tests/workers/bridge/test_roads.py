@@ -9,7 +9,9 @@ from msgspec.msgpack import decode
 from msgspec.msgpack import encode as pack
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import POSITION, EpisodeTask, PriorSource, Scene
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.episode import EpisodeTask, PriorSource
+from eigenfail.values.scene import Scene
 from eigenfail_services.store.codec import pack as pack_scene
 from eigenfail_services.store.codec import to_scene
 from eigenfail_workers import bridge

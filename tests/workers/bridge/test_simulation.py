@@ -7,7 +7,8 @@ import pytest
 from eigenfail import plugins
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.testing.simulation import SIMULATION_CHECKS, Cruise
-from eigenfail.values import POSITION, Control, Observation, VehicleState
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.bridge.checks import BridgeSimulation
 from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.episode import ObservationReader

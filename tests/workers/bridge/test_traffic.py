@@ -5,20 +5,12 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, SimulatorError, UnknownName
-from eigenfail.values import (
-    POSITION,
-    CampaignSpec,
-    Channel,
-    Control,
-    DisturbanceModel,
-    EpisodeTask,
-    Observation,
-    Outcome,
-    PriorSource,
-    TrajectorySource,
-    VehicleState,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import POSITION, DisturbanceModel
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource, TrajectorySource
 from eigenfail.values.requirements import Formula
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail.worlds import world_of
 from eigenfail_workers.bridge.episode import ObservationReader
 from eigenfail_workers.bridge.messages import DetailedObservation

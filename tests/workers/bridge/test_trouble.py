@@ -13,7 +13,7 @@ from msgspec.msgpack import encode
 from msgspec.structs import replace
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import EpisodeResult, EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, PriorSource
 from eigenfail_workers.bridge.connection import Connection
 
 MISBEHAVING = Path(__file__).parent / "misbehaving.py"

@@ -12,7 +12,8 @@ from eigenfail.functions import (
     SIMULATOR,
     refuse_unlisted,
 )
-from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, PriorSource
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, PriorSource
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.engines import make_engine
 from eigenfail_workers.explain import explain

@@ -12,23 +12,17 @@ import numpy as np
 import pytest
 
 from eigenfail.functions import FunctionUnderTest, of_batch, of_trajectory
-from eigenfail.values import (
-    STATE,
-    Conversion,
-    Correlated,
-    DisturbanceModel,
+from eigenfail.values.disturbance import Conversion, DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeTask,
-    HeavyTailed,
-    Layer,
     Outcome,
-    Policy,
     PolicySource,
     PriorSource,
     TrajectorySource,
-    White,
     episode_seed,
 )
-from eigenfail.values.learning import MOST_POLICIES, count_state
+from eigenfail.values.learning import MOST_POLICIES, STATE, Layer, Policy, count_state
+from eigenfail.values.shapes import Correlated, HeavyTailed, White
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS = 12

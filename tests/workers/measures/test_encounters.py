@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.measures.encounters import (
     HIDDEN_M,
     Pair,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.measures.geometry import (
     distance_lower_bound,
     find_nearest,

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from eigenfail.values import Control, Importance, Observation, VehicleState
+from eigenfail.values.episode import Importance
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.measures.importance import Approach, compute_importance
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.values import Encounter, TrafficConflict

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.measures.geometry import find_hidden, separation
 
 EGO = VehicleState(-5.0, 0.0, 0.0, 20.0, 10.0, 2.5)

@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import (
-    Assessment,
-    ConflictClass,
-    Control,
-    Observation,
-    Outcome,
-    VehicleState,
-    assess,
-)
+from eigenfail.values.episode import Outcome
+from eigenfail.values.records import Assessment, ConflictClass, assess
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.measures.recorder import Recorder, compute_severity
 
 DT_S = 0.1

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.measures.recorder import RideMonitor
 
 CAR = (VehicleState(90.0, 0.0, 0.0, 10.0, 4.0, 2.0),)

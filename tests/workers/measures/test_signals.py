@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import (
-    Control,
-    LanePosition,
-    Mission,
-    NoiseTrajectory,
-    Observation,
-    VehicleState,
-)
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.scene import Control, LanePosition, Mission, Observation, VehicleState
 from eigenfail.values.signals import NEVER_S, NOBODY_M, SIGNALS
 from eigenfail_workers.measures.encounters import find_conflict
 from eigenfail_workers.measures.geometry import separation

@@ -12,25 +12,18 @@ from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.plugins import SCENARIOS, SIMULATORS
-from eigenfail.values import (
-    Autoregressive,
-    CampaignSpec,
-    Channel,
-    DisturbanceModel,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import ALL_CHANNELS, Channel
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory, ScenarioCorrelation
+from eigenfail.values.episode import (
     EpisodeTask,
-    HeavyTailed,
-    Layer,
-    Markov,
-    NoiseTrajectory,
     Outcome,
-    Policy,
     PolicySource,
     PriorSource,
-    ScenarioCorrelation,
     TrajectorySource,
 )
-from eigenfail.values.channels import ALL_CHANNELS
-from eigenfail.values.learning import SCENE_STATE, count_state
+from eigenfail.values.learning import SCENE_STATE, Layer, Policy, count_state
+from eigenfail.values.shapes import Autoregressive, HeavyTailed, Markov
 from eigenfail.worlds import list_channels, resolve_disturbance
 
 POSITION = (Channel("longitudinal"), Channel("lateral"))

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import Channel, DisturbanceModel, Observation, VehicleState
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail.values.shapes import Row
 from eigenfail_workers.noise.deviations import Deviations, to_float32
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import STATE, Layer, Observation, Policy, VehicleState
+from eigenfail.values.learning import STATE, Layer, Policy
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.noise.policy import (
     PolicyNoise,
     act,

@@ -9,20 +9,16 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import (
-    Correlated,
-    DisturbanceModel,
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
-    HeavyTailed,
-    NoiseTrajectory,
     Outcome,
     PriorSource,
-    Shape,
     TrajectorySource,
-    VehicleState,
-    White,
 )
+from eigenfail.values.scene import VehicleState
+from eigenfail.values.shapes import Correlated, HeavyTailed, Shape, White
 
 SHAPES: tuple[Shape, ...] = (White(), Correlated(0.9, 0.6), HeavyTailed(3.0))
 TASKS = tuple(EpisodeTask(index, 500 + index, PriorSource()) for index in range(4))

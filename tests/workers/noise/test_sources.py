@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    Observation,
-    PolicySource,
-    PriorSource,
-    Source,
-    TrajectorySource,
-    VehicleState,
-)
+from eigenfail.values.episode import PolicySource, PriorSource, Source, TrajectorySource
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.noise.sources import NoiseContext, begin
 
 CAR = VehicleState(0.0, 0.0, 0.0, 0.0, 5.0, 2.0)

@@ -5,15 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from eigenfail.values import (
-    DisturbanceModel,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Mission,
-    TrajectorySource,
-    VehicleState,
-)
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.engine import Engine
 
 Drive = Callable[..., EpisodeResult]

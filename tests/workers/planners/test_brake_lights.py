@@ -3,7 +3,7 @@
 import pytest
 from msgspec import structs
 
-from eigenfail.values import Perception
+from eigenfail.values.scene import Perception
 from eigenfail_workers.planners.rulebook.settings import BrakeLightSettings, TrackerSettings
 from eigenfail_workers.planners.rulebook.tracker import BrakeLightTracker, Tracker
 from eigenfail_workers.planners.rulebook.traffic import needed_deceleration

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import (
-    DisturbanceModel,
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
-    ExplainedEpisode,
     PriorSource,
     TrajectorySource,
 )
+from eigenfail.values.proof import ExplainedEpisode
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.explain import explain
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.planners.idm import gap_m, least_gap_behind
 
 EGO = VehicleState(0.0, 0.0, 0.0, 20.0, 16.0, 2.5)

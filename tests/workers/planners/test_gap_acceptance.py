@@ -5,7 +5,7 @@ from math import inf
 import pytest
 from msgspec import structs
 
-from eigenfail.values import Perception
+from eigenfail.values.scene import Perception
 from eigenfail_workers.planners.idm import (
     GapAcceptance,
     GapAcceptanceSettings,

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.planners.rulebook.settings import GapSettings
 from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, TrackState
 from eigenfail_workers.planners.rulebook.traffic import GapFinder

@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from eigenfail.values import Perception
+from eigenfail.values.scene import Perception
 from eigenfail_workers.planners.idm import IntelligentDriver
 
 

@@ -3,7 +3,7 @@
 import pytest
 from msgspec import structs
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.planners.rulebook.lanes import ABORT, COMMITMENT, make_lane_planner
 from eigenfail_workers.planners.rulebook.rules import choose
 from eigenfail_workers.planners.rulebook.settings import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from eigenfail.values import Perception
+from eigenfail.values.scene import Perception
 from eigenfail_workers.planners.rulebook.settings import TrackerSettings
 from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Tracker, TrackState
 

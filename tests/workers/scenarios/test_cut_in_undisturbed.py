@@ -6,7 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, TrajectorySource
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.scenarios.cut_in import CutInParameters
 

@@ -10,14 +10,10 @@ from eigenfail import plugins
 from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    Channel,
-    Control,
-    DisturbanceModel,
-    EpisodeSetup,
-    EpisodeTask,
-    TrajectorySource,
-)
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.scene import Control
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.measures.geometry import find_hidden
 from eigenfail_workers.planners.rulebook.settings import RulebookSettings

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, TrajectorySource
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeSetup, EpisodeTask, TrajectorySource
 from eigenfail_workers.engine import Engine
 
 UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))

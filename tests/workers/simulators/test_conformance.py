@@ -9,7 +9,7 @@ from eigenfail import plugins
 from eigenfail.contracts import Planner, Simulation
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS, OpenSimulation
-from eigenfail.values import POSITION
+from eigenfail.values.disturbance import POSITION
 
 BUILT_IN = ("highway", "point_mass")
 

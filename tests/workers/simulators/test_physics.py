@@ -10,14 +10,8 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import (
-    POSITION,
-    Control,
-    Mission,
-    Observation,
-    Perception,
-    VehicleState,
-)
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.scene import Control, Mission, Observation, Perception, VehicleState
 from eigenfail_workers.measures.geometry import separation
 from eigenfail_workers.simulators import highway
 

@@ -12,14 +12,8 @@ from eigenfail.errors import EpisodeError, SimulatorError
 from eigenfail.testing import planner as planners
 from eigenfail.testing import scenario as scenarios
 from eigenfail.testing import simulation as simulations
-from eigenfail.values import (
-    POSITION,
-    Control,
-    Mission,
-    Observation,
-    Perception,
-    VehicleState,
-)
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.scene import Control, Mission, Observation, Perception, VehicleState
 from eigenfail_workers.scenarios.highway_drive import HighwayDrive, HighwayDriveParameters
 from eigenfail_workers.simulators.point_mass import PointMassSimulator
 

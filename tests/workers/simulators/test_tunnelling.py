@@ -8,7 +8,9 @@ import pytest
 from eigenfail import plugins
 from eigenfail.settings import read_settings
 from eigenfail.testing.simulation import Cruise
-from eigenfail.values import POSITION, Measures, Mission, Observation, VehicleState
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.measures import Measures
+from eigenfail.values.scene import Mission, Observation, VehicleState
 from eigenfail_workers.measures.recorder import Recorder
 
 SIMULATORS = ("highway", "point_mass")

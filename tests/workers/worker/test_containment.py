@@ -13,7 +13,8 @@ import numpy as np
 import psutil
 import pytest
 
-from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, Outcome, TrajectorySource
 from eigenfail.wire.messages import Ack, Hello, Lease, Results, Setup, Welcome
 from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker.parent import Parent

@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.errors import ServiceError
-from eigenfail.values import EpisodeTask, PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail_workers.worker.child_process import HeldEpisode
 from eigenfail_workers.worker.inner_processes import (
     MAX_CHILD_DEATHS,

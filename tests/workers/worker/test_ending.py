@@ -12,7 +12,8 @@ import deadlines
 import psutil
 import pytest
 
-from eigenfail.values import CampaignSpec, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail.wire.messages import (
     Ack,
     Goodbye,

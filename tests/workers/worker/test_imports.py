@@ -23,7 +23,8 @@ CODE = """
 import json, sys
 import eigenfail_workers.worker.child_process
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec, EpisodeTask, PriorSource
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, PriorSource
 for group in (plugins.SIMULATORS, plugins.SCENARIOS, plugins.PLANNERS):
     for name in filter(lambda name: plugins.is_built_in(group, name), plugins.names(group)):
         plugins.load(group, name)

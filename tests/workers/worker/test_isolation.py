@@ -6,14 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeResult,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-    episode_seed,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, PriorSource, episode_seed
 from eigenfail.wire.messages import Ack, Hello, Lease, Results, Setup, Welcome
 from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker.inner_processes import MAX_IDLE, SHARED, InnerProcesses, find_group
@@ -118,7 +112,7 @@ def test_episodes_before_the_change_are_kept_and_those_after_it_begin_in_a_fresh
 PATCHES = """
 import msgspec
 import numpy as np
-from eigenfail.values import Control
+from eigenfail.values.scene import Control
 
 np.seterr(all="raise")
 array = np.array

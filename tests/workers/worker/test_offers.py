@@ -12,7 +12,7 @@ import deadlines
 import pytest
 
 from eigenfail.bridges import ADDRESS_VARIABLE
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.wire.messages import (
     BridgeReport,
     Drop,

@@ -11,7 +11,8 @@ import deadlines
 import psutil
 import pytest
 
-from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, PriorSource, episode_seed
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource, episode_seed
 from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,

@@ -14,14 +14,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import result
-from eigenfail.values import (
-    CampaignSpec,
-    EpisodeFault,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-    episode_seed,
-)
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import EpisodeFault, EpisodeTask, Outcome, PriorSource, episode_seed
 from eigenfail.wire.messages import (
     Drop,
     Heartbeat,

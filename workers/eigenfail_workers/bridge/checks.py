@@ -8,7 +8,6 @@ from time import perf_counter
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import values
 from eigenfail.bridges import Plain, check_address, find_scenario
 from eigenfail.cli.plugin_checks import SKIPPED, CheckResult, CheckVerdict
 from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError, suggest_name
@@ -24,6 +23,7 @@ from eigenfail.testing.simulation import (
     starts_at_step_zero,
     wave,
 )
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import (
     ALL_CHANNELS,
     EVENT,
@@ -34,6 +34,9 @@ from eigenfail.values.channels import (
     find_quantity,
     split_name,
 )
+from eigenfail.values.disturbance import POSITION
+from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
+from eigenfail.values.scene import Observation
 from eigenfail.values.shapes import Row
 from eigenfail_workers.bridge import episode, messages
 from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection, SharedConnection
@@ -74,10 +77,10 @@ class BridgeSimulation:
         self.dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
         self.steps = start.steps
         self._reader = episode.ObservationReader(channels, self.dt_s)
-        self._now: values.Observation | None = None
+        self._now: Observation | None = None
         self._closed = False
 
-    def reset(self, seed: int) -> values.Observation:
+    def reset(self, seed: int) -> Observation:
         """Begin an episode; see `Simulation.reset`."""
         if self._closed:
             raise SimulatorError("The simulation is closed.", "Open another one.")
@@ -87,7 +90,7 @@ class BridgeSimulation:
         self._now = self._reader.read(seen, ())
         return self._now
 
-    def step(self, disturbance: Row) -> values.Observation:
+    def step(self, disturbance: Row) -> Observation:
         """Disturb each channel and step; see `Simulation.step`."""
         now = self._now
         if now is None or now.ended or self._closed:
@@ -110,13 +113,13 @@ class BridgeSimulation:
 
 def list_position(welcome: messages.BridgeWelcome) -> tuple[Channel, ...]:
     """Return the channels of the position of the nearest vehicle that a bridge offers."""
-    return tuple(channel for channel in values.POSITION if channel.name in welcome.offered_channels)
+    return tuple(channel for channel in POSITION if channel.name in welcome.offered_channels)
 
 
 def select_offered(welcome: messages.BridgeWelcome, disturbance: Row) -> Row:
     """Return the components of a disturbance of the position that a bridge offers."""
     offered = welcome.offered_channels
-    pairs = zip(values.POSITION, disturbance, strict=True)
+    pairs = zip(POSITION, disturbance, strict=True)
     return tuple(each for channel, each in pairs if channel.name in offered)
 
 
@@ -168,7 +171,7 @@ def reports_each_collision(connection: Connection, start: messages.SlotStart) ->
     """Collisions are reported when footprints meet, within a step too, and only then."""
     with closing(BridgeSimulation(connection, start)) as simulation:
         seen = course(simulation)
-        before: values.Observation | None = None
+        before: Observation | None = None
         for now in seen:
             shown = end_at_contact(before, now, simulation.dt_s)
             said = (
@@ -181,11 +184,11 @@ def reports_each_collision(connection: Connection, start: messages.SlotStart) ->
 
 def disturbs_the_nearest(connection: Connection, start: messages.SlotStart) -> None:
     """A disturbance moves the nearest vehicle as the planner perceives it."""
-    if len(list_position(connection.welcome)) < len(values.POSITION):
+    if len(list_position(connection.welcome)) < len(POSITION):
         return  # `disturbs_each_channel` tries what the bridge offers in their place.
     with closing(BridgeSimulation(connection, start)) as simulation:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
-    errors = SensorErrors(values.POSITION)
+    errors = SensorErrors(POSITION)
     for before, after in pairwise(disturbed):
         due = errors.perceive(before, simulation.dt_s, wave(after.step))[1]
         said = f"Step {after.step} reports {after.perceived} as the perceived position, not {due}."
@@ -206,7 +209,7 @@ def keeps_slots_apart(connection: Connection, start: messages.SlotStart) -> None
 
 def _run_side_by_side(
     connection: Connection, start: messages.SlotStart, seeds: list[int]
-) -> list[list[values.Observation]]:
+) -> list[list[Observation]]:
     """Run an episode for each seed in a separate slot, with all steps in one request."""
     starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
     welcome = connection.welcome
@@ -366,7 +369,7 @@ def _measure_step_s(connection: Connection, start: messages.SlotStart, beside: i
     return (perf_counter() - began_s) / max(1, *(len(course) - 1 for course in courses))
 
 
-def check_bridge(address: str, campaign: values.CampaignSpec | None = None) -> list[CheckResult]:
+def check_bridge(address: str, campaign: CampaignSpec | None = None) -> list[CheckResult]:
     """Run all checks with the first scenario and planner that the bridge offers.
 
     Every other scenario and planner must run one episode to its end. Of a campaign, one episode is
@@ -389,9 +392,9 @@ def check_bridge(address: str, campaign: values.CampaignSpec | None = None) -> l
     return [*_describe(address, welcome), *_run_checks(address, welcome)]
 
 
-def _check_campaign(address: str, campaign: values.CampaignSpec) -> CheckResult:
+def _check_campaign(address: str, campaign: CampaignSpec) -> CheckResult:
     """Run the first episode of a campaign under ordinary noise."""
-    task = values.EpisodeTask(0, values.episode_seed(campaign.seed, 0), values.PriorSource())
+    task = EpisodeTask(0, episode_seed(campaign.seed, 0), PriorSource())
     with closing(SharedConnection(address)) as connection:
         result = next(BridgeEngine(campaign.setup(), connection).run([task]))
     what = f"{campaign.scenario}, {campaign.planner}"

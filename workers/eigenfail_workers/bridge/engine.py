@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from eigenfail import bridges
 from eigenfail.errors import BridgeLost, EpisodeError, InputError, UnknownName
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, unrunnable
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask, unrunnable
+from eigenfail.values.learning import Policy
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.accounts import RecordedStep
 from eigenfail_workers.bridge import messages

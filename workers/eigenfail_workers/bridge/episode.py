@@ -11,24 +11,20 @@ from msgspec.structs import replace
 
 from eigenfail import bridges
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
-from eigenfail.values import (
-    AXES,
-    Account,
+from eigenfail.values.arrays import LARGEST_FLOAT32, Floats, find_lost
+from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
+from eigenfail.values.disturbance import AXES, DisturbanceModel
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.proof import Account, Path
+from eigenfail.values.requirements import EpisodeJudge
+from eigenfail.values.scene import (
+    UNKNOWN_KIND,
+    VEHICLE_KINDS,
     Control,
-    DisturbanceModel,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Floats,
     Observation,
-    Path,
     Scene,
     VehicleState,
 )
-from eigenfail.values.arrays import LARGEST_FLOAT32, find_lost
-from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
-from eigenfail.values.requirements import EpisodeJudge
-from eigenfail.values.scene import UNKNOWN_KIND, VEHICLE_KINDS
 from eigenfail.values.shapes import Row
 from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
 from eigenfail_workers.bridge import messages

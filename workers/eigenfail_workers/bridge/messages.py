@@ -16,7 +16,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from eigenfail import bridges, errors
-from eigenfail.values import AXES
+from eigenfail.values.disturbance import AXES
 
 PROTOCOL = 1
 """Version that every bridge knows."""

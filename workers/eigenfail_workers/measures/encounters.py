@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, SimulatorError
-from eigenfail.values import Observation, VehicleState
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.measures import geometry
 from eigenfail_workers.values import Separation, TrafficConflict
 

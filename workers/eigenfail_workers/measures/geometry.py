@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import atan2, cos, hypot, inf, pi, sin
 from typing import NamedTuple
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.values import Point, Separation
 
 CONTACT = Separation(0.0, (0.0, 0.0))

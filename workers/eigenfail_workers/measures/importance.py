@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from eigenfail.values import Importance
+from eigenfail.values.episode import Importance
 from eigenfail_workers.values import Encounter, TrafficConflict
 
 

@@ -6,11 +6,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from eigenfail import values
 from eigenfail.errors import SimulatorError
 from eigenfail.values import requirements
-from eigenfail.values.arrays import LARGEST_FLOAT32, RANGE, fits_float32
+from eigenfail.values.arrays import LARGEST_FLOAT32, RANGE, Floats, fits_float32
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.episode import Importance
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.scene import Control, Observation, Scene
 from eigenfail.values.shapes import Row
 from eigenfail.values.signals import DrivenCourse
 from eigenfail_workers.measures import encounters
@@ -41,7 +44,7 @@ class RideMonitor:
         self._hard_brakings = 0
         self._clipped_steps = 0
 
-    def observe(self, observation: values.Observation) -> None:
+    def observe(self, observation: Observation) -> None:
         """Take in the start, or the state after a step."""
         applied = observation.applied
         if applied is not None:
@@ -144,7 +147,7 @@ class Apart(NamedTuple):
     between: Separation
 
 
-POSITION_NOISE = values.DisturbanceModel()
+POSITION_NOISE = DisturbanceModel()
 
 
 class Recorder:
@@ -158,8 +161,8 @@ class Recorder:
 
     def __init__(
         self,
-        model: values.DisturbanceModel = POSITION_NOISE,
-        importance: values.Importance | None = None,
+        model: DisturbanceModel = POSITION_NOISE,
+        importance: Importance | None = None,
         judge: requirements.EpisodeJudge | None = None,
     ) -> None:
         self._shape = model.noise_shape
@@ -170,7 +173,7 @@ class Recorder:
         self._importances: list[float] = []
         self._z: list[Row] = []
         self._sigma: list[Row] = []
-        self._course: list[values.Observation] = []
+        self._course: list[Observation] = []
         self._robustness_m = inf
         self._violations = ViolationTracker()
         self._ride = RideMonitor()
@@ -193,7 +196,7 @@ class Recorder:
         self._z.append(z)
         self._sigma.append(sigma)
 
-    def observe(self, seen: values.Observation, dt_s: float) -> values.Observation:
+    def observe(self, seen: Observation, dt_s: float) -> Observation:
         """Take in the start, or the state after a step.
 
         Args:
@@ -273,12 +276,12 @@ class Recorder:
             self._last_drac_mps2 = max(self._last_drac_mps2, conflict.drac_mps2)
         return Encounter(distance_m, conflict, within)
 
-    def noise(self) -> values.NoiseTrajectory:
+    def noise(self) -> NoiseTrajectory:
         """Return the disturbances so far."""
         z, sigma = (_to_array(rows, len(self._names)) for rows in (self._z, self._sigma))
-        return values.NoiseTrajectory(z, sigma, self._shape)
+        return NoiseTrajectory(z, sigma, self._shape)
 
-    def measures(self, dt_s: float) -> values.Measures:
+    def measures(self, dt_s: float) -> Measures:
         """Return the measures of the episode; on a collision, robustness is exactly 0."""
         last, found, ride = self._course[-1], self._violations, self._ride
         collided = self.collided
@@ -287,7 +290,7 @@ class Recorder:
             # After a crash only warnings of the struck vehicle count. The warning of another
             # vehicle would give a lead time to a crash that came without one.
             first = found.get_first_violations(last.numbers[find_struck(last.ego, last.others)])
-        return values.Measures(
+        return Measures(
             robustness_m=0.0 if collided else self._robustness_m,
             severity=compute_severity(last) if collided else None,
             min_ttc_s=found.min_ttc_s,
@@ -304,9 +307,7 @@ class Recorder:
             cause=last.cause,
         )
 
-    def judge(
-        self, measures: values.Measures, dt_s: float
-    ) -> requirements.RequirementVerdict | None:
+    def judge(self, measures: Measures, dt_s: float) -> requirements.RequirementVerdict | None:
         """Return what the requirements say of the episode; None without any.
 
         Args:
@@ -321,7 +322,7 @@ class Recorder:
         signals = self._signals.collect(self.noise(), self._names, dt_s)
         return self._judge.judge(DrivenCourse(dt_s, signals, measures))
 
-    def importance(self) -> values.Floats | None:
+    def importance(self) -> Floats | None:
         """Return the importance after each step, shape (steps,); None where it is not recorded.
 
         Raises:
@@ -336,12 +337,12 @@ class Recorder:
             raise SimulatorError(problem, f"It must be a number {RANGE}: look at the scene.")
         return recorded.astype(np.float32)
 
-    def scene(self, dt_s: float) -> values.Scene:
+    def scene(self, dt_s: float) -> Scene:
         """Return the course of the episode."""
         rest = self._course[1:]
         vehicles, sizes = _place_vehicles(self._course)
         controls = [seen.control for seen in rest if seen.control is not None]
-        return values.Scene(
+        return Scene(
             dt_s=dt_s,
             vehicles=vehicles,
             sizes=sizes,
@@ -350,7 +351,7 @@ class Recorder:
         )
 
 
-def _check(observation: values.Observation) -> None:
+def _check(observation: Observation) -> None:
     for vehicle in (observation.ego, *observation.others):
         numbers: Any = vehicle  # of whatever type they are
         # A sum of magnitudes is not finite if any of them is not: none cancels another.
@@ -370,7 +371,7 @@ def _check(observation: values.Observation) -> None:
         _refuse_lost(observation.perceived, "`perceived`", observation.step)
 
 
-def _check_control(control: values.Control | None, name: str, step: int) -> None:
+def _check_control(control: Control | None, name: str, step: int) -> None:
     if control is not None:
         _refuse_lost((control.acceleration_mps2, control.steering_rad), name, step)
 
@@ -383,7 +384,7 @@ def _refuse_lost(numbers: Sequence[float], name: str, step: int) -> None:
             raise SimulatorError(problem, f"Numbers of an episode must be {RANGE}.")
 
 
-def _place_vehicles(course: Sequence[values.Observation]) -> tuple[values.Floats, values.Floats]:
+def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
     """Return poses, shape (observations, vehicles, 4), and sizes, shape (vehicles, 2), of a course.
 
     Vehicle 0 is the ego. NaN where a vehicle is not there; its size is that of its first moment.
@@ -405,7 +406,7 @@ def _place_vehicles(course: Sequence[values.Observation]) -> tuple[values.Floats
     return vehicles, np.array([sizes.get(each, (nan, nan)) for each in range(last + 1)], np.float32)
 
 
-def compute_severity(observation: values.Observation) -> float:
+def compute_severity(observation: Observation) -> float:
     """Return ||v_ego - v_actor||² for the vehicle that was struck. [m²/s²]"""
     vx, vy = velocity(observation.ego)
     others = observation.others
@@ -417,6 +418,6 @@ def _time_s(step: int | None, dt_s: float) -> float | None:
     return None if step is None else step * dt_s
 
 
-def _to_array(rows: Sequence[Row], columns: int) -> values.Floats:
+def _to_array(rows: Sequence[Row], columns: int) -> Floats:
     """Return an array of shape (rows, columns), also for no rows."""
     return np.array(rows, np.float32).reshape(-1, columns)

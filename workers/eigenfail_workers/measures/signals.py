@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import LanePosition, NoiseTrajectory, Observation, VehicleState
+from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail.values.scene import LanePosition, Observation, VehicleState
 from eigenfail.values.signals import BRIDGE, ERROR, NEVER_S, NOBODY_M, PLANNER, SIGNALS, Samples
 from eigenfail_workers.measures.geometry import half_width_across_road, velocity
 from eigenfail_workers.values import Encounter

@@ -1,7 +1,9 @@
 """The noise of a campaign: what each episode begins with, and the parameters that it chooses."""
 
-from eigenfail.values import DisturbanceModel, EpisodeTask, Policy
 from eigenfail.values.channels import PARAMETER, Channel, split_name
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeTask
+from eigenfail.values.learning import Policy
 from eigenfail_workers.noise import sources
 from eigenfail_workers.noise.policy import store_policy
 

@@ -4,9 +4,10 @@ from math import hypot, inf
 from struct import Struct
 
 from eigenfail.errors import SimulatorError
-from eigenfail.values import DisturbanceModel, Observation
 from eigenfail.values.arrays import LARGEST_FLOAT32
 from eigenfail.values.channels import Channel, split_name
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.scene import Observation
 from eigenfail.values.shapes import MOST_LIKELY, Markov, Row
 from eigenfail_workers.perception import EGO, find_target
 

@@ -14,8 +14,10 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import AXES, STATE, Floats, Layer, Observation, Policy, VehicleState
-from eigenfail.values.learning import MOST_POLICIES, count_state
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.learning import MOST_POLICIES, STATE, Layer, Policy, count_state
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail.values.shapes import Row
 
 # The bounds of SAC's log standard deviation in Stable-Baselines3, which trains policies: with

@@ -5,8 +5,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from eigenfail import values
 from eigenfail.errors import InvalidValue
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.episode import PolicySource, PriorSource, Source, TrajectorySource
+from eigenfail.values.learning import Policy
+from eigenfail.values.scene import Observation, VehicleState
 from eigenfail.values.shapes import Row
 from eigenfail_workers.noise.policy import PolicyNoise
 
@@ -21,7 +25,7 @@ the scenario parameters that vary."""
 class NoiseSource(Protocol):
     """Noise of one episode, step by step."""
 
-    def draw(self, observation: values.Observation, actor: values.VehicleState, /) -> Row:
+    def draw(self, observation: Observation, actor: VehicleState, /) -> Row:
         """Return z of the next step, one of each channel, as values of float32. [sigma]"""
 
     def first(self) -> Row:
@@ -30,7 +34,7 @@ class NoiseSource(Protocol):
         Channels that are drawn once have their value by it, also under an adversary.
         """
 
-    def states(self) -> values.Floats | None:
+    def states(self) -> Floats | None:
         """Return the states that an adversary has observed; None without an adversary."""
 
 
@@ -43,20 +47,20 @@ class NoiseContext(NamedTuple):
 
     seed: int
     horizon: int
-    policies: Mapping[int, values.Policy]
-    channels: int = len(values.AXES)
+    policies: Mapping[int, Policy]
+    channels: int = len(AXES)
     once: tuple[int, ...] = ()
 
 
 class TrajectoryNoise:
     """Noise of a given trajectory, and zero after its end."""
 
-    def __init__(self, z: values.Floats) -> None:
+    def __init__(self, z: Floats) -> None:
         self._rows = iter(z.tolist())
         self._zero: Row = (0.0,) * z.shape[1]
         self._first: Row = tuple(z[0].tolist()) if len(z) else self._zero
 
-    def draw(self, _observation: values.Observation, _actor: values.VehicleState, /) -> Row:
+    def draw(self, _observation: Observation, _actor: VehicleState, /) -> Row:
         """Return the next row."""
         return tuple(next(self._rows, self._zero))
 
@@ -74,7 +78,7 @@ def generator(seed: int, stream: int = NOISE_STREAM) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
 
 
-def from_prior(_source: values.PriorSource, context: NoiseContext) -> NoiseSource:
+def from_prior(_source: PriorSource, context: NoiseContext) -> NoiseSource:
     """Return noise that is drawn at once from the standard normal distribution."""
     shape = context.horizon, context.channels
     # Drawn row by row, a step each: a longer horizon leaves the first rows as they are, which
@@ -83,7 +87,7 @@ def from_prior(_source: values.PriorSource, context: NoiseContext) -> NoiseSourc
     return TrajectoryNoise(draws)
 
 
-def from_trajectory(source: values.TrajectorySource, context: NoiseContext) -> NoiseSource:
+def from_trajectory(source: TrajectorySource, context: NoiseContext) -> NoiseSource:
     """Return the noise of the trajectory in the source."""
     z = source.z
     if z.ndim != 2 or z.shape[1] != context.channels or not np.isfinite(z).all():
@@ -95,7 +99,7 @@ def from_trajectory(source: values.TrajectorySource, context: NoiseContext) -> N
     return TrajectoryNoise(z.astype(np.float32))
 
 
-def from_policy(source: values.PolicySource, context: NoiseContext) -> NoiseSource:
+def from_policy(source: PolicySource, context: NoiseContext) -> NoiseSource:
     """Return the noise of the policy version that the source names."""
     policy = context.policies.get(source.version)
     if policy is None:
@@ -117,13 +121,13 @@ def from_policy(source: values.PolicySource, context: NoiseContext) -> NoiseSour
 
 
 KINDS: dict[type, Callable[..., NoiseSource]] = {
-    values.PriorSource: from_prior,
-    values.TrajectorySource: from_trajectory,
-    values.PolicySource: from_policy,
+    PriorSource: from_prior,
+    TrajectorySource: from_trajectory,
+    PolicySource: from_policy,
 }
 
 
-def begin(source: values.Source, context: NoiseContext) -> NoiseSource:
+def begin(source: Source, context: NoiseContext) -> NoiseSource:
     """Return the noise of one episode.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Control, Mission, Perception, VehicleState
+from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 from eigenfail_workers.planners.steering import LaneKeeping, pursue
 
 CarFollowingModel = Callable[[float, float, float], float]

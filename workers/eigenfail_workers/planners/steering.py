@@ -3,7 +3,7 @@
 from math import atan, atan2, sin
 from typing import Final
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 
 LOOK_AHEAD_S: Final = 1.5
 

@@ -1,6 +1,6 @@
 """The scenarios that come with eigenfail."""
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 
 DT_S = 0.1
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.scenarios import (
     CAR_LENGTH_M,

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.contracts import TrafficModel
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.measures.geometry import find_hidden
 from eigenfail_workers.scenarios import (
     CAR_LENGTH_M,

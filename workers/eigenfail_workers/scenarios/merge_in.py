@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.scenarios import (
     CAR_LENGTH_M,
     TRUCK_LENGTH_M,

@@ -6,7 +6,7 @@ from math import atan2, hypot
 from typing import NamedTuple
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.scenarios import CAR_LENGTH_M, CAR_WIDTH_M
 

@@ -4,8 +4,8 @@ from math import atan, cos, sin, tan
 from typing import Any, ClassVar
 
 from eigenfail.contracts import Planner, Scenario, Simulation
-from eigenfail.values import Control, VehicleState
 from eigenfail.values.channels import ALL_CHANNELS, Channel
+from eigenfail.values.scene import Control, VehicleState
 from eigenfail_workers.closed_loop import DrivenSimulation
 from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from eigenfail.contracts import ReactiveSituation, Situation, TrafficModel
-from eigenfail.values import Control, VehicleState
+from eigenfail.values.scene import Control, VehicleState
 from eigenfail_workers.measures.encounters import TrafficSample, find_contact, may_touch, touch
 from eigenfail_workers.values import GroundTruth
 

@@ -22,7 +22,13 @@ from eigenfail.contracts import EpisodeEngine, LockstepEngine
 from eigenfail.errors import EigenfailError, describe_error, read_text
 from eigenfail.process_state import ProcessState
 from eigenfail.processes import end_now
-from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeSetup, EpisodeTask, unrunnable
+from eigenfail.values.episode import (
+    EpisodeFault,
+    EpisodeResult,
+    EpisodeSetup,
+    EpisodeTask,
+    unrunnable,
+)
 from eigenfail.wire.messages import (
     LONGEST_REASON,
     Drop,

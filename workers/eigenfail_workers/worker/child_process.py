@@ -19,7 +19,8 @@ from msgspec.structs import replace
 from eigenfail import processes
 from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
+from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
+from eigenfail.values.learning import Policy
 from eigenfail.wire.messages import (
     MAX_MESSAGE_BYTES,
     Drop,

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 
 from eigenfail.errors import ServiceError
-from eigenfail.values import EpisodeSetup, Policy, PolicySource
-from eigenfail.values.learning import MOST_POLICIES
+from eigenfail.values.episode import EpisodeSetup, PolicySource
+from eigenfail.values.learning import MOST_POLICIES, Policy
 from eigenfail.wire.messages import PolicyUpdate, Setup
 from eigenfail.worlds import world_of
 from eigenfail_workers.limits import Limits

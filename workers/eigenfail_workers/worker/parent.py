@@ -16,7 +16,13 @@ from msgspec.structs import replace
 from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
 from eigenfail.fingerprints import fingerprint_plugins
-from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSource, unrunnable
+from eigenfail.values.episode import (
+    EpisodeFault,
+    EpisodeResult,
+    EpisodeTask,
+    PriorSource,
+    unrunnable,
+)
 from eigenfail.versions import versions
 from eigenfail.wire import messages
 from eigenfail.wire.keys import WorkerKey

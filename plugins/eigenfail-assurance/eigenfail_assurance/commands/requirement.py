@@ -19,7 +19,7 @@ from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.settings import convert
 from eigenfail.suites import Suite
-from eigenfail.values import Campaign
+from eigenfail.values.campaign import Campaign
 from eigenfail_assurance.sensor import sentences
 from eigenfail_assurance.sensor.anchors import check_question, find_sensor_requirement
 from eigenfail_assurance.sensor.page import format_page

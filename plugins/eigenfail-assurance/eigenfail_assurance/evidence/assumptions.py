@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
 from eigenfail_assurance.evidence import question

@@ -10,7 +10,9 @@ import numpy as np
 from eigenfail import __version__
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, NotFound
-from eigenfail.values import AnalysisState, Campaign, Outcome
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Versions
 from eigenfail_assurance.evidence.bundle import EvidenceBundle, make_bundle
 from eigenfail_assurance.evidence.question import (

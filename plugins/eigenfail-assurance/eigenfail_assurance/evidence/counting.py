@@ -13,7 +13,9 @@ from msgspec.structs import replace
 
 from eigenfail.intervals import find_lower_bound, find_upper_bound
 from eigenfail.presentation.figures import count_noun
-from eigenfail.values import Campaign, CampaignState, Interval, Outcome
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Interval
 from eigenfail_assurance.evidence.records import CampaignRecord, RecordedEpisode, read_episodes
 from eigenfail_assurance.risk.confidence import RunEstimate
 from eigenfail_assurance.sensor.anchors import bound_estimate, bound_sampled

@@ -21,7 +21,10 @@ from eigenfail.gate.verdicts import (
     judge_rate_by_chance,
 )
 from eigenfail.intervals import bound_both_sides, difference, mcnemar
-from eigenfail.values import CampaignState, Difference, McNemar, Outcome, PairTotals, Rate
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.comparison import Difference, McNemar, PairTotals
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Rate
 from eigenfail_assurance.evidence import counting
 from eigenfail_assurance.evidence.records import RecordedEpisode, place_episode
 

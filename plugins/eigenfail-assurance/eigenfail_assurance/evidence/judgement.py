@@ -21,7 +21,9 @@ from eigenfail.presentation.figures import (
     round_down,
     round_up,
 )
-from eigenfail.values import CampaignState, Interval, Outcome
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Interval
 from eigenfail.values.proof import ReplayedNoise, ReplayKind
 from eigenfail_assurance.evidence import counting
 from eigenfail_assurance.evidence.gates import find_gate_problems

@@ -9,8 +9,9 @@ from msgspec.structs import replace
 
 from eigenfail import __version__
 from eigenfail.errors import InvalidValue
-from eigenfail.values import FINAL_STATES, CampaignState, episode_seed
+from eigenfail.values.campaign import FINAL_STATES, CampaignState
 from eigenfail.values.campaign_spec import RESULT_RULES
+from eigenfail.values.episode import episode_seed
 from eigenfail_assurance.evidence import bundle, solutions
 from eigenfail_assurance.evidence.argument import ArgumentGraph
 from eigenfail_assurance.evidence.counting import MONTE_CARLO, CountedCampaign, is_ended_by_failures

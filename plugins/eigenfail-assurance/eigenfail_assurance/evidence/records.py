@@ -19,11 +19,12 @@ import numpy as np
 
 from eigenfail.errors import InvalidValue
 from eigenfail.gate.report import GateReport
-from eigenfail.values import Campaign, Outcome, Proof
 from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import Settings
-from eigenfail.values.episode import MAX_SEED
+from eigenfail.values.episode import MAX_SEED, Outcome
 from eigenfail.values.operations import DRAWN_AGAIN, Versions
+from eigenfail.values.proof import Proof
 from eigenfail_assurance.evidence.question import AnySolution, GateSolution, SensorSolution
 
 COLUMNS = ("index", "seed", "source", "outcome", "steps", "robustness_m", "severity", "digest")

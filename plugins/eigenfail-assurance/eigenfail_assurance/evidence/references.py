@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import Any
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Campaign
+from eigenfail.values.campaign import Campaign
 from eigenfail_assurance.evidence import question
 from eigenfail_assurance.evidence.counting import Counted
 from eigenfail_assurance.evidence.records import SolutionInput

@@ -8,7 +8,7 @@ import numpy as np
 
 from eigenfail.errors import EigenfailError, InputError, ServiceError
 from eigenfail.replays import ReplayedOutcome, replay_in_process
-from eigenfail.values import EpisodeTask, Outcome, PriorSource, TrajectorySource
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource, TrajectorySource
 from eigenfail.versions import differences, versions
 from eigenfail_assurance.evidence.counting import CountedCampaign
 from eigenfail_assurance.evidence.records import CampaignRecord, RecordedEpisode, follows_from_seed

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import msgspec
 
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_assurance.risk import confidence
 from eigenfail_assurance.risk.allocation import Allocation, allocate_episodes
 from eigenfail_assurance.risk.question import KM_PER_FIGURE, RiskQuestion, RiskScenario

@@ -7,8 +7,8 @@ from typing import NamedTuple
 from eigenfail.errors import Conflict, InvalidValue, ProtocolError
 from eigenfail.methods import traits_of
 from eigenfail.presentation.figures import count_noun
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Rate, RateDesign
-from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
+from eigenfail.values.estimates import Rate, RateDesign
 from eigenfail_assurance.risk.assessment import RiskAssessment, ScenarioEvidence, assess
 from eigenfail_assurance.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
 from eigenfail_assurance.risk.pooling import find_planner, pick_named, refuse_unlike

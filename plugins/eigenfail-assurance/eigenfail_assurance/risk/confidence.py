@@ -58,7 +58,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.intervals import ERROR, Z, find_crossing
-from eigenfail.values import Estimate, Interval
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.student_t import split_t_mass
 
 Array = NDArray[np.float64]

@@ -6,7 +6,8 @@ from itertools import pairwise
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.values import Campaign, CampaignSpec
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.campaign_spec import CampaignSpec
 
 _OF_NO_EPISODE = (
     "name",

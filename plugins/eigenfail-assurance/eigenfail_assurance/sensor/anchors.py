@@ -18,8 +18,9 @@ from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.methods import describe_method
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Estimate, Interval
-from eigenfail.values.campaign_spec import RESULT_RULES
+from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.student_t import split_t_mass
 from eigenfail_assurance.risk.confidence import find_t_freedom
 from eigenfail_assurance.sensor import search

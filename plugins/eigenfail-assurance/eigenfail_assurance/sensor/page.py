@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from eigenfail import __version__
 from eigenfail.presentation import figures
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.worlds import world_of
 from eigenfail_assurance.risk.sentences import format_target
 from eigenfail_assurance.sensor import sentences

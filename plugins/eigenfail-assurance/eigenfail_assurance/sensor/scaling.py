@@ -14,8 +14,9 @@ from msgspec.structs import replace
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.presentation.figures import put_unit
 from eigenfail.settings import convert
-from eigenfail.values import CampaignSpec, DisturbanceModel
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import PARAMETER, Channel
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.shapes import Markov
 from eigenfail.worlds import world_of
 

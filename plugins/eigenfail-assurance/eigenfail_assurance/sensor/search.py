@@ -25,7 +25,7 @@ from typing import Annotated
 import msgspec
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_assurance.sensor.scaling import SCALE, Multiples
 
 GRID_DIGITS = 4

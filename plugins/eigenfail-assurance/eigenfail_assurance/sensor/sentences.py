@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from eigenfail.methods import describe_method
 from eigenfail.presentation import figures
-from eigenfail.values import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_assurance.risk.sentences import format_target
 from eigenfail_assurance.sensor.scaling import describe_size
 from eigenfail_assurance.sensor.search import Anchor, AnchorVerdict, ErrorLimit, RequirementAnswer

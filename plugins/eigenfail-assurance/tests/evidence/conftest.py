@@ -5,7 +5,9 @@ from hashlib import sha256
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, StopRules, episode_seed
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.episode import episode_seed
 from eigenfail_assurance.evidence.counting import CountedCampaign
 from eigenfail_assurance.evidence.question import Claim, EvidenceQuestion, SearchSolution
 from eigenfail_assurance.evidence.records import (

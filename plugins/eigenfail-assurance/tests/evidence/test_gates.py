@@ -7,7 +7,9 @@ from eigenfail import __version__
 from eigenfail.gate.report import GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, read_figures
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.values import CampaignState, Estimate, Interval, StopRules
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_assurance.evidence.bundle import make_bundle
 from eigenfail_assurance.evidence.question import Claim, EvidenceQuestion, GateSolution
 from eigenfail_assurance.evidence.records import EvidenceRecords, SolutionInput

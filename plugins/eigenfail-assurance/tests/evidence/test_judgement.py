@@ -6,8 +6,10 @@ from msgspec.structs import replace
 from eigenfail.gate.report import GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, RerunFigures
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.values import CampaignState, Estimate, Interval, Proof, StopRules
-from eigenfail.values.proof import ProvenScenario, ReplayedNoise, ReplayKind, Reproduction
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import StopRules
+from eigenfail.values.estimates import Estimate, Interval
+from eigenfail.values.proof import Proof, ProvenScenario, ReplayedNoise, ReplayKind, Reproduction
 from eigenfail_assurance.evidence.judgement import judge_solution
 from eigenfail_assurance.evidence.question import (
     GateSolution,

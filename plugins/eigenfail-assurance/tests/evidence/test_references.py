@@ -6,8 +6,9 @@ from msgspec.structs import replace
 from eigenfail import __version__
 from eigenfail.errors import InvalidValue
 from eigenfail.gate.report import GateRun, build_report
-from eigenfail.values import CampaignState, DisturbanceModel, Proof
-from eigenfail.values.proof import ProvenScenario, ReplayedNoise, ReplayKind, Reproduction
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.proof import Proof, ProvenScenario, ReplayedNoise, ReplayKind, Reproduction
 from eigenfail_assurance.evidence.bundle import make_bundle
 from eigenfail_assurance.evidence.question import (
     Claim,

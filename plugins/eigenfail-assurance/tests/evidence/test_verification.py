@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from eigenfail import __version__, plugins
 from eigenfail.cli.specs import read_spec
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.values import StopRules
+from eigenfail.values.campaign_spec import StopRules
 from eigenfail_assurance.evidence import storage
 from eigenfail_assurance.evidence.bundle import MANIFEST, make_bundle, make_manifest
 from eigenfail_assurance.evidence.question import Claim, EvidenceQuestion, ProbabilitySolution

@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_assurance.risk.assessment import RiskVerdict, ScenarioEvidence, assess, name_noises
 from eigenfail_assurance.risk.confidence import FailureShare, RunEstimate, Stated
 from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget

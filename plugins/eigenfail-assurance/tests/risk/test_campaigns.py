@@ -6,15 +6,9 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    Estimate,
-    RateDesign,
-    StopRules,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.estimates import Estimate, RateDesign
 from eigenfail_assurance.risk.assessment import RiskVerdict
 from eigenfail_assurance.risk.campaigns import assess_campaigns, find_probability
 from eigenfail_assurance.risk.confidence import FailureShare, RunEstimate, Stated

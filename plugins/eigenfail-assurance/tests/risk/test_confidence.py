@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from eigenfail.intervals import Z
-from eigenfail.values import Estimate, Interval
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_assurance.risk.confidence import (
     EventRate,
     FailureShare,

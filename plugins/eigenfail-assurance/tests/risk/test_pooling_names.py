@@ -4,7 +4,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_assurance.risk.pooling import pick_named
 
 SPEC = CampaignSpec(

@@ -10,19 +10,13 @@ from scipy.special import betaincinv
 
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.intervals import ERROR, find_lower_bound, find_upper_bound
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    DisturbanceModel,
-    Estimate,
-    Interval,
-    StopRules,
-    Unresolved,
-)
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.shapes import Markov
+from eigenfail.values.summary import Unresolved
 from eigenfail_assurance.sensor.anchors import (
     bound_estimate,
     bound_sampled,

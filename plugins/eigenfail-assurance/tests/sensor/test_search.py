@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import find_lower_bound, find_upper_bound
 from eigenfail.settings import convert
-from eigenfail.values import Interval
+from eigenfail.values.estimates import Interval
 from eigenfail_assurance.sensor.anchors import judge_bounds
 from eigenfail_assurance.sensor.search import (
     Anchor,

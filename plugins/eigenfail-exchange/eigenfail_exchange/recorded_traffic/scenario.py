@@ -13,8 +13,9 @@ import numpy as np
 from msgspec import Meta
 
 from eigenfail.errors import InvalidValue, clean_text
-from eigenfail.values import Floats, Mission, VehicleState
+from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import Doubles
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_exchange.recorded_traffic.columns import STANDING_MPS
 from eigenfail_exchange.recorded_traffic.tracks import RecordedTracks
 

@@ -5,7 +5,8 @@ import zipfile
 
 import pytest
 
-from eigenfail.values import Outcome, Summary
+from eigenfail.values.episode import Outcome
+from eigenfail.values.summary import Summary
 from eigenfail_api import concurrency
 from eigenfail_reports.contents import Report
 

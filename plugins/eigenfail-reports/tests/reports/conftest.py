@@ -8,7 +8,10 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState, DisturbanceModel
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.records import Delivery
 from eigenfail_reports.report import Made, make
 from eigenfail_services.campaigns.analysis_jobs import run_analysis

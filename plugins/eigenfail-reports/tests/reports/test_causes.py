@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisSettings, Scene
+from eigenfail.values.analysis import AnalysisSettings
+from eigenfail.values.scene import Scene
 from eigenfail_reports.material import Material, gather_material
 from eigenfail_reports.page import ReportPart
 from eigenfail_reports.report import costs, evidence

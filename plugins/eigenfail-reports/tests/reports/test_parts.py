@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.svg import Drawing, draw_svg
-from eigenfail.values import Estimate, Interval
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_reports.material import (
     pick_evenly,
     sample_note,

@@ -13,9 +13,7 @@ from store_checks.examples import analyse_function
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.presentation.figures import format_amount, format_utc
-from eigenfail.values import (
-    AnalysisSettings,
-)
+from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail.wire.http import decode
 from eigenfail_reports.contents import Report, ReportTable

@@ -12,18 +12,11 @@ from numpy.typing import NDArray
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    Campaign,
-    EpisodeResult,
-    Floats,
-    LearnerContext,
-    Outcome,
-    Proposal,
-    RoundSizes,
-    TrajectorySource,
-)
+from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
 from eigenfail.values.estimates import ChainMixing
-from eigenfail.values.learning import OPEN_GROUPS
+from eigenfail.values.learning import OPEN_GROUPS, LearnerContext, Proposal, RoundSizes
 from eigenfail.worlds import list_channels
 from eigenfail_searches.chains.diagnostics import STARTS, judge_projections, measure_projections
 from eigenfail_searches.chains.projections import find_directions, rename_channels

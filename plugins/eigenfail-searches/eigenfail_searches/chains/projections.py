@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import AXES, Floats
+from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES
 
 WINDOWS = 5
 DIRECTIONS = 3

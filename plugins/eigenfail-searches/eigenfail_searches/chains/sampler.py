@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 from eigenfail_services.statistics.batches import Array, divide_chains
 
 Mask = NDArray[np.bool_]

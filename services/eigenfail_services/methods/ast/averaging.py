@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from msgspec import structs
 
-from eigenfail.values import Floats, Layer, Policy
+from eigenfail.values.arrays import Floats
+from eigenfail.values.learning import Layer, Policy
 from eigenfail_services.methods.archive import Arrays, take
 
 

@@ -5,7 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import LearnerFailed
-from eigenfail.values import EpisodeResult, Floats, Outcome
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail_services.methods.ast.reward import Reward
 
 FINAL_AMPLITUDE_SHARE = 0.5

@@ -6,10 +6,17 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from eigenfail import values
 from eigenfail.contracts import MethodTraits, Reference
 from eigenfail.errors import InvalidValue
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values.episode import EpisodeResult, PolicySource
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import (
+    LearnerContext,
+    Policy,
+    Predecessor,
+    Proposal,
+    count_rounds_ahead,
+)
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.attempts import WINDOW, Attempt, Count, RestartRule
 from eigenfail_services.methods.ast.averaging import PolicyAverage
@@ -25,17 +32,17 @@ from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_t
 from eigenfail_services.statistics.importance import WeightedFailures
 
 
-def paper(settings: AstSettings, _context: values.LearnerContext) -> Reward:
+def paper(settings: AstSettings, _context: LearnerContext) -> Reward:
     """Log p at every step."""
     return PaperReward(settings.alpha, settings.c_dist)
 
 
-def mahalanobis(settings: AstSettings, _context: values.LearnerContext) -> Reward:
+def mahalanobis(settings: AstSettings, _context: LearnerContext) -> Reward:
     """A distance in place of log p."""
     return MahalanobisReward(settings.alpha, settings.c_dist)
 
 
-def dissimilarity(settings: AstSettings, context: values.LearnerContext) -> Reward:
+def dissimilarity(settings: AstSettings, context: LearnerContext) -> Reward:
     """The paper's, and a bonus for failures unlike those known."""
     nothing = np.zeros((0, context.horizon, context.channels), np.float32)
     return DissimilarityReward(
@@ -43,14 +50,14 @@ def dissimilarity(settings: AstSettings, context: values.LearnerContext) -> Rewa
     )
 
 
-REWARDS: dict[str, Callable[[AstSettings, values.LearnerContext], Reward]] = {
+REWARDS: dict[str, Callable[[AstSettings, LearnerContext], Reward]] = {
     "paper": paper,
     "mahalanobis": mahalanobis,
     "dissimilarity": dissimilarity,
 }
 
 
-def make_reward(settings: AstSettings, context: values.LearnerContext) -> Reward:
+def make_reward(settings: AstSettings, context: LearnerContext) -> Reward:
     """Return the reward that the settings name, for the noise of a campaign."""
     return REWARDS[settings.reward](settings, context)
 
@@ -101,7 +108,7 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 FIELD = "settings.warm_start"
 
 
-def _adopt_networks(trainer: Trainer, context: values.LearnerContext, campaign: int) -> None:
+def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) -> None:
     """Give a new trainer the final networks of an earlier campaign.
 
     Raises:
@@ -119,7 +126,7 @@ def _adopt_networks(trainer: Trainer, context: values.LearnerContext, campaign: 
         ) from error
 
 
-def _find_predecessor(context: values.LearnerContext, campaign: int) -> values.Predecessor:
+def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
     """Return an earlier campaign of `ast` from the context."""
     before = context.predecessor(campaign)
     if before is not None and before.method == "ast":
@@ -156,7 +163,7 @@ class AdaptiveStressTesting:
     )
     lookahead = 1
 
-    def __init__(self, context: values.LearnerContext, settings: AstSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
         self._settings = settings
         self._reward = make_reward(settings, context)
         self._seed = context.seed
@@ -181,7 +188,7 @@ class AdaptiveStressTesting:
         """Number of episodes that the policy was trained with; constant after convergence."""
         return self._facts.trained
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
         # Before the policy is made: workers keep a version as they first got it.
@@ -192,26 +199,24 @@ class AdaptiveStressTesting:
         self._probability.begin(facts.proposed, policy)
         return _propose_policy(policy, count)
 
-    def exploit(self, n: int) -> values.Proposal:
+    def exploit(self, n: int) -> Proposal:
         """Return n episodes with the mean of the last policies at the last amplitude."""
         return _propose_policy(self._make_final_policy(), n)
 
-    def weigh(
-        self, sums: WeightedFailures, results: Sequence[values.EpisodeResult]
-    ) -> WeightedFailures:
+    def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
         """Return the sums with episodes of `exploit`; unchanged where hold > 1."""
         return self._probability.weigh(sums, results, self._make_final_policy())
 
-    def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
+    def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
         """Return a lower bound of the failure probability; None without episodes."""
         return self._probability.estimate_from_sums(sums, horizon, self._get_last_amplitude())
 
-    def estimate(self) -> values.Estimate | None:
+    def estimate(self) -> Estimate | None:
         """Return the estimate over the second half of the budget; None where hold > 1."""
         reach = self._get_last_amplitude()
         return self._probability.estimate(self._facts.observed, self._horizon, reach)
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Learn from completed episodes, until training has converged.
 
         Raises:
@@ -274,16 +279,16 @@ class AdaptiveStressTesting:
         """Return the amplitude at which the present attempt ends. [sigma]"""
         return self._amplitudes.last * self._facts.attempt.widening
 
-    def _make_final_policy(self) -> values.Policy:
+    def _make_final_policy(self) -> Policy:
         facts = self._facts.with_amplitude(self._get_last_amplitude())
         return self._average.apply(self._make_policy(facts))
 
-    def _make_policy(self, facts: AstFacts) -> values.Policy:
+    def _make_policy(self, facts: AstFacts) -> Policy:
         """Return the present actor, with version and amplitude of a state."""
         actor = self._trainer.policy(facts.version)
         return structs.replace(actor, amplitude=facts.amplitude)
 
-    def _add_to_buffer(self, results: Sequence[values.EpisodeResult], first: int) -> None:
+    def _add_to_buffer(self, results: Sequence[EpisodeResult], first: int) -> None:
         """Add a round to the replay buffer; `first` is the number of its first episode."""
         facts, fresh = self._facts, self._facts.fresh
         process, amplitude = self._settings.process(), self._get_amplitude(first)
@@ -339,6 +344,6 @@ class AdaptiveStressTesting:
             self._average = PolicyAverage(self._settings.averaged)
 
 
-def _propose_policy(policy: values.Policy, count: int) -> values.Proposal:
+def _propose_policy(policy: Policy, count: int) -> Proposal:
     """Return a proposal of episodes with one policy."""
-    return values.Proposal((values.PolicySource(policy.version),) * count, policy)
+    return Proposal((PolicySource(policy.version),) * count, policy)

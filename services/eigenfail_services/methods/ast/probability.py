@@ -8,8 +8,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult, Estimate, Floats, Layer, PerChannel, Policy
-from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail.values.arrays import Floats, decode_array, encode_array
+from eigenfail.values.episode import EpisodeResult
+from eigenfail.values.estimates import Estimate
+from eigenfail.values.learning import Layer, Policy
+from eigenfail.values.shapes import PerChannel
 from eigenfail_services.methods.ast.decisions import FINAL_AMPLITUDE_SHARE, is_usable
 from eigenfail_services.statistics.importance import WeightedFailures, explain_nothing_counted
 

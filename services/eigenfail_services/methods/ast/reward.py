@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult, Floats
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult
 from eigenfail_services.methods.archive import Arrays
 
 Rewards = NDArray[np.float64]

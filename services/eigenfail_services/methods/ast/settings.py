@@ -7,8 +7,7 @@ import msgspec
 
 from eigenfail.errors import InvalidValue
 from eigenfail.plugins import load_class
-from eigenfail.values import Policy
-from eigenfail.values.learning import count_state
+from eigenfail.values.learning import Policy, count_state
 from eigenfail_services.methods.archive import Arrays
 from eigenfail_services.methods.ast.decisions import DecisionProcess, Decisions
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import LearnerDiverged
-from eigenfail.values import Floats, Layer, Policy
+from eigenfail.values.arrays import Floats
+from eigenfail.values.learning import Layer, Policy
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
 from eigenfail_services.methods.ast.settings import REWARD_SCALE, SacOptions

@@ -12,7 +12,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from eigenfail.errors import LearnerDiverged
-from eigenfail.values import Layer, Policy
+from eigenfail.values.learning import Layer, Policy
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions

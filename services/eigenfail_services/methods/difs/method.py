@@ -7,9 +7,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from eigenfail import values
 from eigenfail.contracts import MethodTraits, Reference
 from eigenfail.plugins import load_class
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.difs.modes import Mixture, Rows
 from eigenfail_services.methods.difs.settings import (
@@ -62,7 +64,7 @@ class DiffusionFailureSampling:
     traits = MethodTraits(chart_mark=2, references={"data_from": Reference.EPISODES})
     lookahead = 0
 
-    def __init__(self, context: values.LearnerContext, settings: DifsSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: DifsSettings) -> None:
         self._settings = settings
         self._seed = context.seed
         self._schedule = SCHEDULES[settings.schedule]
@@ -77,19 +79,17 @@ class DiffusionFailureSampling:
         self._plan = msgspec.structs.replace(plan, initial=max(0, plan.initial - len(self._trials)))
 
     @staticmethod
-    def round_sizes(settings: DifsSettings, episodes: int) -> values.RoundSizes:
+    def round_sizes(settings: DifsSettings, episodes: int) -> RoundSizes:
         """Return the sizes of the plan; the samples at robustness 0 are one round."""
         plan = make_plan(episodes, settings)
-        return values.RoundSizes(plan.initial, max(plan.round_size, episodes - plan.final))
+        return RoundSizes(plan.initial, max(plan.round_size, episodes - plan.final))
 
-    def propose(self, n: int) -> values.Proposal:
+    def propose(self, n: int) -> Proposal:
         """Return draws from the prior, later samples below the threshold, at last at 0."""
         proposed, plan = self._facts.proposed, self._plan
         if proposed < plan.initial:
             count = min(n, plan.initial - proposed)
-            sources: tuple[values.PriorSource | values.TrajectorySource, ...] = (
-                values.PriorSource(),
-            ) * count
+            sources: tuple[PriorSource | TrajectorySource, ...] = (PriorSource(),) * count
         elif proposed < plan.final:
             self._train_on_experience()
             count = min(n, plan.round_size, plan.final - proposed)
@@ -100,9 +100,9 @@ class DiffusionFailureSampling:
             self._train_on_experience()
             sources = self._sample_failures(n, self._next_draw())
         self._update_facts(proposed=proposed + len(sources))
-        return values.Proposal(sources)
+        return Proposal(sources)
 
-    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Keep the trajectories, lower the threshold, and train.
 
         Raises:
@@ -123,10 +123,10 @@ class DiffusionFailureSampling:
         if self._facts.proposed <= self._plan.final:
             self._train()
 
-    def exploit(self, n: int) -> values.Proposal:
+    def exploit(self, n: int) -> Proposal:
         """Return samples at robustness 0 from the present model, without learning."""
         self._update_facts(exploits=self._facts.exploits + 1)
-        return values.Proposal(self._sample_failures(n, EXPLOITS + self._facts.exploits))
+        return Proposal(self._sample_failures(n, EXPLOITS + self._facts.exploits))
 
     def state(self) -> bytes:
         """Return model, optimizer, trajectories, threshold and counters."""
@@ -194,14 +194,14 @@ class DiffusionFailureSampling:
             most = max(LARGEST_GUIDANCE, self._settings.guidance)
             self._update_facts(guidance=min(max(moved, SMALLEST_GUIDANCE), most))
 
-    def _draw_conditions(self, count: int) -> values.Floats:
+    def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
         threshold = max(self._facts.threshold_m or 0.0, 0.0) / self._facts.scale_m
         random = np.random.default_rng([self._seed, self._next_draw()])
         # From −0.1, as in the reference code (sisl/DiFS): a share of all draws asks for failures.
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
-    def _sample_failures(self, n: int, draw: int) -> tuple[values.TrajectorySource, ...]:
+    def _sample_failures(self, n: int, draw: int) -> tuple[TrajectorySource, ...]:
         """Return samples at robustness 0, of the components with failures if there are any."""
         given = self._settings.final_guidance
         guidance = self._facts.guidance if given is None else given
@@ -210,10 +210,10 @@ class DiffusionFailureSampling:
         return self._sample(np.zeros(n, np.float32), guidance, draw, mixture)
 
     def _sample(
-        self, conditions: values.Floats, guidance: float, draw: int, mixture: Mixture
-    ) -> tuple[values.TrajectorySource, ...]:
+        self, conditions: Floats, guidance: float, draw: int, mixture: Mixture
+    ) -> tuple[TrajectorySource, ...]:
         samples = self._model.sample(conditions, guidance, draw, mixture)
-        return tuple(values.TrajectorySource(z) for z in samples)
+        return tuple(TrajectorySource(z) for z in samples)
 
     def _make_examples(self) -> Examples:
         """Return the elite, and for the network the least robust of all besides.

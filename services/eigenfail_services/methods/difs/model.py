@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from eigenfail.errors import InvalidValue, LearnerDiverged
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays, take
 from eigenfail_services.methods.difs import modes

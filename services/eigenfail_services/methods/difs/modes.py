@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Floats
+from eigenfail.values.arrays import Floats
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]

@@ -8,7 +8,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult, Experience, Floats, Outcome
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.learning import Experience
 from eigenfail_services.methods.difs.modes import Rows
 
 

@@ -11,22 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import (
-    Autoregressive,
-    CampaignSpec,
-    Channel,
-    Correlated,
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import ALL_CHANNELS, PARAMETER, QUANTITIES, Channel, list_names
+from eigenfail.values.disturbance import (
     DisturbanceModel,
+    NoiseTrajectory,
+    ScenarioCorrelation,
+    find_channel_likelihoods,
+)
+from eigenfail.values.shapes import (
+    Autoregressive,
+    Correlated,
     HeavyTailed,
     Markov,
-    NoiseTrajectory,
     Once,
     PerChannel,
-    ScenarioCorrelation,
     White,
 )
-from eigenfail.values.channels import ALL_CHANNELS, PARAMETER, QUANTITIES, list_names
-from eigenfail.values.disturbance import find_channel_likelihoods
 
 CHAINS = (Markov(0.02, 8.0), Markov(0.5, 1.0), Markov(0.1, 2.5))
 STEPS = 60_000

@@ -9,14 +9,8 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 
-from eigenfail.values import (
-    Correlated,
-    DisturbanceModel,
-    HeavyTailed,
-    NoiseTrajectory,
-    Shape,
-    White,
-)
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.shapes import Correlated, HeavyTailed, Shape, White
 
 Doubles = NDArray[np.float64]
 

@@ -8,22 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from eigenfail.values import (
+from eigenfail.values.disturbance import (
+    TRAJECTORIES_AT_A_TIME,
     Conversion,
-    Correlated,
     DisturbanceModel,
+    NoiseTrajectory,
+    sum_log_densities,
+)
+from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
-    HeavyTailed,
-    NoiseTrajectory,
     PriorSource,
-    Shape,
-    White,
     unrunnable,
 )
-from eigenfail.values.disturbance import TRAJECTORIES_AT_A_TIME, sum_log_densities
+from eigenfail.values.shapes import Correlated, HeavyTailed, Shape, White
 from eigenfail.wire import messages
 
 SHAPES: tuple[Shape, ...] = (White(), Correlated(0.95, 0.3), HeavyTailed(2.5), HeavyTailed(5.0))

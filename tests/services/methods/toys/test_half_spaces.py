@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import HalfSpace, cosine, steady, turning
 
-from eigenfail.values import STATE
+from eigenfail.values.learning import STATE
 
 PROBABILITIES = (1e-3, 1e-6)
 SMALL_AST = {

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from math import sqrt
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.planners.rulebook.settings import ModeSettings
 from eigenfail_workers.planners.rulebook.values import DrivingMode, Task
 

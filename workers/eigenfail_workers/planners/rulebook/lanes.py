@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from eigenfail.values import Mission, VehicleState
+from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers.planners.rulebook import values
 from eigenfail_workers.planners.rulebook.candidates import hold, roll_out, roll_out_all, stop
 from eigenfail_workers.planners.rulebook.changes import (

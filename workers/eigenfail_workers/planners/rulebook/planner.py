@@ -2,7 +2,8 @@
 
 from typing import ClassVar
 
-from eigenfail.values import Account, Control, Mission, Path, Perception, VehicleState
+from eigenfail.values.proof import Account, Path
+from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 from eigenfail_workers.planners.rulebook import values
 from eigenfail_workers.planners.rulebook.candidates import limit_change
 from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine

@@ -13,7 +13,7 @@ from enum import StrEnum
 from math import isfinite
 from typing import Final
 
-from eigenfail.values import Perception, VehicleState
+from eigenfail.values.scene import Perception, VehicleState
 from eigenfail_workers.planners.rulebook.settings import (
     BrakeLightSettings,
     IntentSettings,

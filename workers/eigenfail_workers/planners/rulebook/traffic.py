@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Sequence
 from typing import Final
 
-from eigenfail.values import VehicleState
+from eigenfail.values.scene import VehicleState
 from eigenfail_workers.planners.rulebook.settings import GapSettings
 from eigenfail_workers.planners.rulebook.tracker import Track
 from eigenfail_workers.planners.rulebook.values import Gap, Neighbour, Traffic

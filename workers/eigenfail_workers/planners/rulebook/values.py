@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Account
+from eigenfail.values.proof import Account
 from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.planners.rulebook.settings import RuleSettings
 

@@ -6,7 +6,7 @@ import pytest
 
 from eigenfail.files import parse_toml
 from eigenfail.settings import convert
-from eigenfail.values import Outcome
+from eigenfail.values.episode import Outcome
 from eigenfail_assurance.risk.page import EXAMPLE
 from eigenfail_assurance.risk.question import RiskQuestion
 
