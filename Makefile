@@ -3,7 +3,7 @@ SHELL := /bin/bash
 PYTHON ?= python3.11
 BIN := .venv/bin
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
-INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes
+INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes
 COMPILE = $(BIN)/python -m eigenfail_workers.compiler
 # Processes that tests start by the hundred would otherwise compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -21,9 +21,10 @@ PROCESSES ?= 3
 help:
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "  make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-# What a user needs: service, workers, client and plug-ins. pip refuses whatever has another hash than the
-# lock files say. PyPI has no CPU build of torch: it is installed first, from an index that pip is configured
-# with or else from TORCH_INDEX.
+# What a user needs: service, workers, client and plug-ins. Python compiles a module when it is first imported;
+# pip would compile all modules, which doubles the time and adds a quarter to the space. pip refuses whatever has
+# another hash than the lock files say. PyPI has no CPU build of torch: it is installed first, from an index that
+# pip is configured with or else from TORCH_INDEX.
 .venv/product: pyproject.toml $(PROJECTS) $(wildcard deploy/locks/*.txt)
 	@echo "Installing packages into .venv. This takes a minute or two, once."
 	$(PYTHON) -m venv .venv
@@ -39,6 +40,8 @@ help:
 .venv/installed: .venv/product constraints.txt
 	@echo "Installing the tools of tests and documents. This takes some minutes, once."
 	$(INSTALL) --requirement constraints.txt
+	@# Some packages warn when they are compiled, which would fail a test. Some bring files for other Pythons.
+	@$(BIN)/python -W ignore -m compileall -qq -j 0 .venv/lib || true
 	@touch $@
 
 setup: .venv/installed ## the virtual environment, with the tools of all tests
@@ -71,7 +74,7 @@ format: .venv/installed ## put the sources into the house's style
 	$(BIN)/ruff format $(SOURCES)
 
 bench: setup ## measure speed; ONLY=hub measures the figures whose names begin like this
-	$(BIN)/python benchmarks/run.py $(if $(ONLY),--only $(ONLY))
+	$(BIN)/python -m benchmarks.run $(if $(ONLY),--only $(ONLY))
 
 docs: .venv/installed ## write what documents take from the code, and build them as a site in .site/
 	$(BIN)/python tests/docs/rest_table.py

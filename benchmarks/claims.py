@@ -1,9 +1,10 @@
 """Find the figures that the documents state, and write benchmarks/results/claims.json.
 
 The learning curves of the methods that learn go to learning_curves.json in the same folder, from
-which `python benchmarks/pictures.py` draws them. Trials of plug-ins may write further files there.
+which `python -m benchmarks.pictures.drawings` draws them. Trials of plug-ins may write further
+files there.
 
-`python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
+`python -m benchmarks.claims --only cut_in.rulebook.p_fail` finds a part of them and leaves the
 others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
 """
 
@@ -12,15 +13,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
-import curves
 import msgspec
 import typer
-from episode_pool import open_pool
-from figures import RESULTS, Figure, Record, write
-from foreign_stacks import count_stacks
-from peers import compare_searches
-from targets import TARGETS, add_target, list_missed
-from trials import TRIALS, Finding
+from benchmarks.episode_pool import open_pool
+from benchmarks.figures import RESULTS, Figure, Record, write
+from benchmarks.peers.comparison import compare_searches
+from benchmarks.targets import TARGETS, add_target, list_missed
+from benchmarks.trials import TRIALS, Finding
+from benchmarks.truth import curves
+from benchmarks.truth.foreign_stacks import count_stacks
 
 SEED = 20261122
 """Used for nothing else: no part of the world was chosen by what it shows."""

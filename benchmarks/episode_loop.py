@@ -1,7 +1,7 @@
 """The bare loop: episodes in one process, with nothing of the service around them.
 
 Prints, as JSON, episodes per second, CPU milliseconds per episode, and whether it is compiled:
-`python benchmarks/episode_loop.py EPISODES SEED`.
+`python -m benchmarks.episode_loop EPISODES SEED`.
 """
 
 import json

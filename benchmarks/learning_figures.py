@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from math import fsum, sqrt
 from statistics import fmean, median
 
-from figures import Figure
-from heuristics import Tried, rate_at
-from samples import COMMAND
-from searches import Found
+from benchmarks.figures import Figure
+from benchmarks.samples import COMMAND
+from benchmarks.searches import Found
+from benchmarks.truth.heuristics import Tried, rate_at
 
 from eigenfail.intervals import difference
 from eigenfail_services.statistics.intervals import rate

@@ -1,6 +1,6 @@
 """Measure what is promised about speed, and write benchmarks/results/latest.json.
 
-`python benchmarks/run.py --only hub` runs the programs of which some figure's name begins like
+`python -m benchmarks.run --only hub` runs the programs of which some figure's name begins like
 this, and keeps the other figures. A program that cannot run, such as one that compares with a tool
 that is not installed, is told and leaves its figures as they are; the exit code is then 1. It is 2
 if no figure has such a name.
@@ -14,21 +14,21 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 import typer
-from analysis import analysis_figures
-from bridge import bridge_figures
-from difs_sampling import difs_sampling_figures
-from figures import RESULTS, Figure, show, write
-from handwritten_programs import failure_figures, ledger_figures
-from hub import hub_figures
-from pages import page_figures
-from planner import planner_figures
-from recovery import recovery_figures
-from sac import sac_figures
-from scale import scale_figures
-from service import service_figures
-from start_up import cli_help, programme_figures, run_cold, worker_ready
-from start_up import service_figures as start_figures
-from waiting import learner_share
+from benchmarks.figures import RESULTS, Figure, show, write
+from benchmarks.peers.handwritten_programs import failure_figures, ledger_figures
+from benchmarks.speed.analysis import analysis_figures
+from benchmarks.speed.bridge import bridge_figures
+from benchmarks.speed.difs_sampling import difs_sampling_figures
+from benchmarks.speed.hub import hub_figures
+from benchmarks.speed.pages import page_figures
+from benchmarks.speed.planner import planner_figures
+from benchmarks.speed.recovery import recovery_figures
+from benchmarks.speed.sac import sac_figures
+from benchmarks.speed.scale import scale_figures
+from benchmarks.speed.service import service_figures
+from benchmarks.speed.start_up import cli_help, programme_figures, run_cold, worker_ready
+from benchmarks.speed.start_up import service_figures as start_figures
+from benchmarks.speed.waiting import learner_share
 
 from eigenfail.hosting.service import Launcher
 

@@ -6,11 +6,11 @@ from statistics import fmean, stdev
 from statistics import median as middle
 
 import msgspec
-from figures import Figure
+from benchmarks.figures import Figure
 
 from eigenfail.intervals import Z, find_interval
 
-COMMAND = "python benchmarks/claims.py"
+COMMAND = "python -m benchmarks.claims"
 
 
 def share(happened: Sequence[bool], note: str = "") -> Figure:

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from episode_pool import EpisodePool, horizon
-from known_problems import Problem
+from benchmarks.episode_pool import EpisodePool, horizon
+from benchmarks.truth.known_problems import Problem
 
 from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine, Learner

@@ -5,7 +5,7 @@ from math import inf
 from typing import NamedTuple
 
 import msgspec
-from figures import Figure
+from benchmarks.figures import Figure
 
 OF_IDM = "the paper gives no number of episodes"
 OF_AVERAGE = "the paper does not name the episodes of its average"

@@ -12,41 +12,42 @@ from itertools import product
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import channels
-import difs_network
-import drive
-import eigenfailures
-import foreign_stacks
-import intervals
-import openturns_beside
-import parallel
-import processors
-import releases
-import requirements
-import splitting
-import subset_parallel
-import transfer
-import varied
-from curves import Curve
-from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
-from episode_pool import EpisodePool
-from faults import faults, kinds
-from figures import ROOT, Figure, Record
-from foreign import found_in_others
-from fuzzing import fuzzed
-from known_answers import clouds, corners, planted
-from learning import ast, cem, difs, likely_ast, merge
-from mode_reference import confirmed, plain_monte_carlo
-from monte_carlo import calm, frail
-from noise_models import PLANNERS, noise_models
-from other_scenarios import held_noise, merges, ordinary
-from peer_tools import PEERS
-from peers import compare_peer
-from probability import p_fail
-from shaped import shaped
-from simple_searches import PLACES, SEARCHES, compare, list_searches
-from targets import TARGETS
-from undisturbed import undisturbed, unlit
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.faults.fuzzing import fuzzed
+from benchmarks.faults.whole_services import faults, kinds
+from benchmarks.figures import ROOT, Figure, Record
+from benchmarks.peers import openturns_beside
+from benchmarks.peers.comparison import compare_peer
+from benchmarks.peers.driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
+from benchmarks.peers.peer_tools import PEERS
+from benchmarks.peers.simple_searches import PLACES, SEARCHES, compare, list_searches
+from benchmarks.speed import parallel, subset_parallel
+from benchmarks.targets import TARGETS
+from benchmarks.truth import (
+    channels,
+    difs_network,
+    drive,
+    eigenfailures,
+    foreign_stacks,
+    intervals,
+    processors,
+    releases,
+    requirements,
+    splitting,
+    transfer,
+    varied,
+)
+from benchmarks.truth.curves import Curve
+from benchmarks.truth.foreign import found_in_others
+from benchmarks.truth.known_answers import clouds, corners, planted
+from benchmarks.truth.learning import ast, cem, difs, likely_ast, merge
+from benchmarks.truth.mode_reference import confirmed, plain_monte_carlo
+from benchmarks.truth.monte_carlo import calm, frail
+from benchmarks.truth.noise_models import PLANNERS, noise_models
+from benchmarks.truth.other_scenarios import held_noise, merges, ordinary
+from benchmarks.truth.probability import p_fail
+from benchmarks.truth.shaped import shaped
+from benchmarks.truth.undisturbed import undisturbed, unlit
 
 from eigenfail import plugins
 

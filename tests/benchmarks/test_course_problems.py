@@ -5,20 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.truth.course_problems import COURSE_PROBLEMS, find_exit
+from benchmarks.truth.intervals import FEWEST_JUDGED, LEAST_HELD, PLANS, judge
 
 from eigenfail import plugins
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def test_probabilities_of_walks_are_those_of_plain_draws():
-    from course_problems import COURSE_PROBLEMS
-
     random = np.random.default_rng(11)
     for problem in COURSE_PROBLEMS:
         z = random.standard_normal((40_000, problem.steps, 1))
@@ -28,14 +23,10 @@ def test_probabilities_of_walks_are_those_of_plain_draws():
 
 
 def test_a_walk_of_one_step_has_a_normal_probability():
-    from course_problems import find_exit
-
     assert find_exit(1.0, -2.0, 2.0, 1) == pytest.approx(0.0455003, rel=1e-5)
 
 
 def test_every_method_that_prints_an_interval_is_judged():
-    from intervals import FEWEST_JUDGED, LEAST_HELD, PLANS
-
     judged = {plan.method for plan in PLANS}
     methods = [plugins.load(plugins.METHODS, name) for name in plugins.names(plugins.METHODS)]
     assert {one for one in methods if one.traits.bounds_probability} <= judged
@@ -43,8 +34,6 @@ def test_every_method_that_prints_an_interval_is_judged():
 
 
 def test_a_campaign_without_a_number_counts_as_an_estimate_of_0():
-    from intervals import judge
-
     from eigenfail.values.estimates import Estimate
     from eigenfail_services.statistics.intervals import log_normal
 

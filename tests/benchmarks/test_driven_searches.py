@@ -4,34 +4,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.figures import Figure
+from benchmarks.learning_figures import of_seeds
+from benchmarks.peers import driven_searches
+from benchmarks.peers.comparison import count_cells
+from benchmarks.peers.driven_searches import DRIVEN, DrivenRun, count_causes, describe_driven
+from benchmarks.peers.simple_searches import FUNCTIONS, PLACES, SEARCHES, list_searches
+from benchmarks.searches import Crash
 
 ROOT = Path(__file__).parents[2]
 CALLS = 3
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def make_run(*causes, cpu_s=0.0):
-    from driven_searches import DrivenRun
-    from searches import Crash
-
     z = np.zeros((1, 2), np.float32)
     crashes = tuple(Crash(z, -1.0, -1.0, 0.0, cause=cause) for cause in causes)
     return DrivenRun((True,) * len(causes) + (False,), crashes, cpu_s)
 
 
 def test_causes_are_counted_once_each():
-    from driven_searches import count_causes
-
     assert [count_causes(make_run(*causes)) for causes in ("", "aab", "abc")] == [0, 2, 3]
 
 
 def test_computing_time_is_per_episode_and_causes_need_labels():
-    from driven_searches import DRIVEN, describe_driven
-
     calls = DRIVEN["sumo"].calls
     runs = [make_run(*causes, cpu_s=calls * 1e-3 * n) for n, causes in enumerate(("a", "ab", "b"))]
     found = dict(describe_driven("sumo", "held", runs))
@@ -44,8 +39,6 @@ def test_computing_time_is_per_episode_and_causes_need_labels():
 
 
 def test_a_campaign_on_the_drive_has_noise_on_every_vehicle_and_labels(monkeypatch):
-    import driven_searches
-
     whole = driven_searches.DRIVEN["highway_drive"]
     monkeypatch.setitem(driven_searches.DRIVEN, "highway_drive", whole._replace(calls=CALLS))
     run, again = driven_searches.find("highway_drive", "held", [20261122] * 2)
@@ -59,18 +52,12 @@ def test_a_campaign_on_the_drive_has_noise_on_every_vehicle_and_labels(monkeypat
 
 
 def test_searches_that_continue_episodes_run_on_roads_alone():
-    from simple_searches import FUNCTIONS, PLACES, SEARCHES, list_searches
-
     for place in PLACES:
         missing = set(SEARCHES) - set(list_searches(place))
         assert missing == ({"go_explore"} if place in FUNCTIONS else set())
 
 
 def test_causes_and_samplers_of_optuna_are_compared_on_the_drive():
-    from figures import Figure
-    from learning_figures import of_seeds
-    from peers import count_cells
-
     def make(name, *values) -> dict[str, Figure]:
         return {f"search.highway_drive.{name}.causes": of_seeds(values, "causes", 100)}
 

@@ -3,7 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
+from benchmarks.truth.mode_agreement import (
+    LabelledFailure,
+    measure_agreement,
+    measure_agreement_of_struck,
+)
 
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import FailureCourse
@@ -12,14 +16,7 @@ ROOT = Path(__file__).parents[2]
 STEPS, STEP_S, FAILURES = 60, 0.1, 60
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def test_causes_that_show_in_the_braking_agree_and_mixed_up_ones_do_not(monkeypatch):
-    from mode_agreement import LabelledFailure, measure_agreement
-
     monkeypatch.setattr("eigenfail_services.analysis.clusters.NOISE_DRAWS", 2)
     random = np.random.default_rng(0)
     brakes = random.integers(0, 2, FAILURES)
@@ -40,8 +37,6 @@ def test_causes_that_show_in_the_braking_agree_and_mixed_up_ones_do_not(monkeypa
 
 
 def test_the_vehicle_that_was_struck_agrees_with_causes_that_are_one_of_each():
-    from mode_agreement import LabelledFailure, measure_agreement_of_struck
-
     sizes = np.array([(16.0, 2.5), (5.0, 2.0), (5.0, 2.0)], np.float32)
     ego, far = (0.0, 0.0, 0.0, 20.0), (90.0, 3.5, 0.0, 20.0)
     ahead, behind = (10.0, 0.0, 0.0, 10.0), (-10.0, 0.0, 0.0, 30.0)

@@ -5,18 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.peers import openturns_beside
+from benchmarks.peers.openturns_beside import NO_ESTIMATE, Comparison, Runs, format_row, run_subset
+from benchmarks.truth.known_problems import half_space
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def of_ratios(ratios):
-    from openturns_beside import Runs
-
     return Runs(np.array(ratios), np.full(len(ratios), 9.0))
 
 
@@ -25,8 +21,6 @@ def test_the_error_is_relative_and_a_run_without_a_number_is_worth_zero():
 
 
 def test_the_ratio_compares_errors_and_has_an_interval_over_seeds():
-    from openturns_beside import Comparison
-
     random = np.random.default_rng(3)
     small, large = (1.0 + size * random.standard_normal(400) for size in (0.1, 0.2))
     one = Comparison("x", 2000, of_ratios(small), of_ratios(large))
@@ -37,8 +31,6 @@ def test_the_ratio_compares_errors_and_has_an_interval_over_seeds():
 
 
 def test_rows_without_an_estimate_are_marked():
-    from openturns_beside import NO_ESTIMATE, Comparison, format_row
-
     lucky = of_ratios([0.0] * 39 + [300.0])
     assert NO_ESTIMATE in format_row(Comparison("x", 2000, lucky, lucky))
     assert NO_ESTIMATE not in format_row(Comparison("x", 2000, lucky, of_ratios([1.2] * 40)))
@@ -46,7 +38,6 @@ def test_rows_without_an_estimate_are_marked():
 
 def test_the_samples_are_those_with_which_the_calls_are_the_budget(monkeypatch):
     """A program that takes 3.7 calls a sample, whatever the number of samples."""
-    import openturns_beside
 
     def run(_problem, samples, seeds):
         calls = np.full(len(seeds), 3.7 * samples)
@@ -59,9 +50,6 @@ def test_the_samples_are_those_with_which_the_calls_are_the_budget(monkeypatch):
 
 
 def test_every_evaluation_of_a_campaign_is_counted(monkeypatch):
-    from known_problems import half_space
-    from openturns_beside import run_subset
-
     runs = run_subset(half_space(1e-2), 600, [1, 2, 3])
     assert (runs.calls <= 600).all()
     assert (runs.calls > 300).all()
@@ -69,7 +57,5 @@ def test_every_evaluation_of_a_campaign_is_counted(monkeypatch):
 
 
 def test_openturns_is_imported_only_where_it_runs():
-    import openturns_beside
-
     assert "openturns" not in vars(openturns_beside)
     assert "openturns" not in sys.modules

@@ -5,16 +5,25 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from benchmarks.figures import Figure, write
+from benchmarks.learning_figures import of_seeds
+from benchmarks.peers.comparison import (
+    COUNTS,
+    POINT,
+    Calls,
+    compare_searches,
+    count_cells,
+    count_points,
+    dominates,
+)
+from benchmarks.peers.peer_tools import PEERS, Answer, Peer, rank_likely
+from benchmarks.trials import Trial
 
+from benchmarks import claims
 from eigenfail.functions import of_batch
 from eigenfail_workers.functions import FunctionEngine
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
 
 
 def push(z):
@@ -23,14 +32,10 @@ def push(z):
 
 
 def make_calls(limit, steps=25, hold=10, find_raw=push):
-    from peers import Calls
-
     return Calls(FunctionEngine(of_batch(push), steps), steps, hold, limit, find_raw)
 
 
 def test_a_point_dominates_if_it_is_no_worse_and_somewhere_better():
-    from peers import dominates
-
     assert dominates((2.0, 1.0, 1.0), (1.0, 1.0, 1.0))
     assert not dominates((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
     assert not dominates((2.0, 1.0, 0.9), (1.0, 1.0, 1.0))
@@ -51,8 +56,6 @@ OURS = [(5.0, -2.0, 1.0), (9.0, -4.0, 0.5)]
     ],
 )
 def test_points_that_dominate_are_counted(peer, counts):
-    from peers import COUNTS
-
     assert tuple(count([peer], OURS) for count in COUNTS.values()) == counts
     assert tuple(count([peer, peer], OURS) for count in COUNTS.values()) == tuple(
         2 * count for count in counts
@@ -61,9 +64,6 @@ def test_points_that_dominate_are_counted(peer, counts):
 
 
 def make_figures(place, name, point):
-    from figures import Figure
-    from peers import POINT
-
     return {
         f"search.{place}.{name}.{what}": Figure(value=value, unit="", n=1, command="")
         for what, value in zip(POINT, point, strict=True)
@@ -71,8 +71,6 @@ def make_figures(place, name, point):
 
 
 def test_counts_come_from_the_figures_of_all_places():
-    from peers import count_points
-
     figures = (
         make_figures("cut_in", "held", (5.0, -2.0, 1.0))
         | make_figures("cut_in", "pycma", (6.0, -2.0, 1.0))
@@ -94,17 +92,12 @@ def test_counts_come_from_the_figures_of_all_places():
 
 
 def make_seeds(place, name, measure, *values):
-    from figures import Figure
-    from learning_figures import of_seeds
-
     figure = of_seeds(values, "", 1000, "; regions of some size")
     assert isinstance(figure, Figure)
     return {f"search.{place}.{name}.{measure}": figure}
 
 
 def count_outcomes(*figures):
-    from peers import count_cells
-
     found = dict(count_cells({name: one for each in figures for name, one in each.items()}))
     return {name.rpartition(".")[2]: figure.value for name, figure in found.items()}
 
@@ -152,9 +145,6 @@ def test_searches_count_where_their_failures_are_likely_enough(measure):
 
 
 def test_the_counts_in_the_claims_are_those_of_the_points_in_them():
-    from figures import Figure
-    from peers import compare_searches
-
     stored = (ROOT / "benchmarks/results/claims.json").read_bytes()
     claims = msgspec.json.decode(stored, type=dict[str, Figure])
     for name, figure in compare_searches(claims):
@@ -203,15 +193,11 @@ def test_what_a_search_raises_before_its_last_call_is_raised():
 
 
 def test_likely_failures_rank_first():
-    from peer_tools import Answer, rank_likely
-
     answers = [Answer(-1.0, 4.0), Answer(0.0, 9.0), Answer(0.1, 0.0), Answer(3.0, 0.0)]
     assert sorted(answers, key=rank_likely) == answers
 
 
 def test_a_peer_says_which_of_its_packages_are_missing():
-    from peer_tools import PEERS, Peer
-
     assert Peer(("msgspec", "no_such_package"), print).list_missing() == ["no_such_package"]
     assert {package for peer in PEERS.values() for package in peer.packages} >= {
         *("verifai", "staliro", "optuna", "nevergrad", "pymoo", "openturns"),
@@ -219,10 +205,6 @@ def test_a_peer_says_which_of_its_packages_are_missing():
 
 
 def test_figures_of_a_tool_that_is_not_installed_are_kept(tmp_path, monkeypatch):
-    import claims
-    from figures import write
-    from trials import Trial
-
     path = tmp_path / "claims.json"
     old = make_figures("walk", "pycma", (4.0, -2.0, 1.0)) | make_figures("walk", "held", (1, -2, 1))
     write(path, old)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from benchmarks.truth.processors import SMALL, run_on
 
 from eigenfail.processes import COMMON_PROCESSOR, NUMERIC_ENVIRONMENT, ONE_THREAD, find_processor
 
@@ -17,28 +18,18 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def test_campaigns_and_modes_are_the_same_on_processors_of_two_types():
-    from processors import run_on
-
     assert run_on(OLD, NUMERIC_ENVIRONMENT, METHODS) == run_on(NEW, NUMERIC_ENVIRONMENT, METHODS)
 
 
 def test_without_the_environment_of_our_processes_learners_differ():
     """If this fails, the emulated types are no types any more, and the test above shows nothing."""
-    from processors import run_on
 
     old, new = (run_on(given, ONE_THREAD, ["ast"]) for given in (OLD, NEW))
     assert old["ast"] != new["ast"]
 
 
 def test_each_method_has_a_campaign():
-    from processors import SMALL
-
     from eigenfail import plugins
 
     assert set(SMALL) == set(plugins.names(plugins.METHODS))

@@ -3,20 +3,14 @@
 from pathlib import Path
 
 import pytest
+from benchmarks.speed.hub import playing, present, run_simulated_workers, wait_until
 
 ROOT = Path(__file__).parents[2]
 EPISODES, WORKERS = 120, 5
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 @pytest.mark.service
 def test_a_crowd_sees_a_campaign_through():
-    from hub import playing, present, run_simulated_workers, wait_until
-
     with playing() as stage:
         services = stage.services()
         campaign = stage.create(method="monte_carlo", episodes=EPISODES)

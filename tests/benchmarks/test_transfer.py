@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import pytest
+from benchmarks.claims import SEED
+from benchmarks.truth.transfer import JUDGED, is_reachable, list_seeds, name_seeds, read_example
 
 from eigenfail.values.variation import read_distribution
 from eigenfail_workers.scenarios.cut_in import CutInParameters
@@ -10,14 +12,7 @@ from eigenfail_workers.scenarios.cut_in import CutInParameters
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def test_training_covers_the_judged_range_and_the_default_gap():
-    from transfer import JUDGED, read_example
-
     given = read_example().scenario_parameters
     trained = {name: read_distribution(one, name).ends() for name, one in given.items()}
     for name, one in JUDGED.items():
@@ -30,8 +25,6 @@ def test_training_covers_the_judged_range_and_the_default_gap():
 
 @pytest.mark.parametrize(("closing_mps", "reached"), [(9.39, False), (9.41, True)])
 def test_a_truck_reaches_the_car_if_it_closes_the_gap_of_94_m_within_10_s(closing_mps, reached):
-    from transfer import is_reachable
-
     # At a distance of 64 m the episode has its least length: 30 m / 9.4 m/s + 3 s + 3 s < 10 s.
     parameters = CutInParameters(
         distance_m=64.0, ego_speed_mps=13.0 + closing_mps, actor_speed_mps=13.0
@@ -40,9 +33,6 @@ def test_a_truck_reaches_the_car_if_it_closes_the_gap_of_94_m_within_10_s(closin
 
 
 def test_the_seeds_of_the_figures_are_named_and_are_not_those_of_the_tuning():
-    from claims import SEED
-    from transfer import list_seeds, name_seeds
-
     looked_at = {*range(20261122, 20261211), *range(20263001, 20263011), *range(20270001, 20270017)}
     judged = list_seeds(SEED)
     assert looked_at.isdisjoint(judged)

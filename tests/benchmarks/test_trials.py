@@ -5,6 +5,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from benchmarks.episode_loop import tasks
+from benchmarks.episode_pool import make_setup
+from benchmarks.trials import TRIALS
+from benchmarks.truth import varied
+from benchmarks.truth.known_answers import CLOUD_KINDS, three_modes
+from benchmarks.truth.other_scenarios import run_in_process
+from benchmarks.truth.undisturbed import UNLIT, drive, grid, worst
+from benchmarks.truth.varied import parameter, setting
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
@@ -12,14 +20,7 @@ from eigenfail.settings import read_settings
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-
-
 def test_a_setting_is_changed_where_its_path_leads():
-    from varied import parameter, setting
-
     assert list(parameter("distance_m", 53.0, 63.5)) == ["distance_m_53", "distance_m_63.5"]
     (changed,) = setting("tracker.gate", 8.5).values()
     setup = changed.setup("cut_in", "rulebook")
@@ -36,8 +37,6 @@ def test_a_setting_is_changed_where_its_path_leads():
     ],
 )
 def test_every_variation_is_within_bounds_and_none_is_the_default(scenario, planner, name):
-    import varied
-
     parameters = plugins.load(plugins.SCENARIOS, scenario).Parameters
     settings = plugins.load(plugins.PLANNERS, planner).Settings
     for variation, changed in getattr(varied, name).items():
@@ -47,8 +46,6 @@ def test_every_variation_is_within_bounds_and_none_is_the_default(scenario, plan
 
 
 def test_no_two_trials_find_the_same_figure():
-    from trials import TRIALS
-
     prefixes = [prefix for trial in TRIALS for prefix in trial.prefixes]
     assert len(set(prefixes)) == len(prefixes)
     assert [
@@ -60,17 +57,12 @@ def test_no_two_trials_find_the_same_figure():
 
 
 def test_a_grid_holds_smallest_default_and_largest_of_each_parameter():
-    from undisturbed import grid
-
     points = list(grid("lead_brake"))
     assert len(points) == 3**5
     assert {point["gap_m"] for point in points} == {50.0, 60.0, 80.0}
 
 
 def test_a_drive_without_noise_is_told_by_its_worst():
-    from episode_pool import make_setup
-    from undisturbed import drive, worst
-
     calm = drive(msgspec.json.encode(make_setup("cut_in", "rulebook")))
     assert not calm.collided
     assert 0.0 < calm.hardest_braking_mps2 <= 2.0
@@ -84,8 +76,6 @@ def test_a_drive_without_noise_is_told_by_its_worst():
 
 
 def test_without_brake_lights_the_tracker_is_never_told():
-    from undisturbed import UNLIT
-
     settings = plugins.load(plugins.PLANNERS, "rulebook").Settings
     lit_from = read_settings(settings, UNLIT, "settings").brake_lights.lit_from_mps2
     parameters = plugins.load(plugins.SCENARIOS, "lead_brake").Parameters
@@ -94,10 +84,6 @@ def test_without_brake_lights_the_tracker_is_never_told():
 
 
 def test_an_episode_of_a_merge_says_when_the_marking_was_crossed():
-    from episode_loop import tasks
-    from episode_pool import make_setup
-    from other_scenarios import run_in_process
-
     setup = msgspec.structs.replace(make_setup("merge_in", "rulebook"), scene_every=1)
     (one,) = run_in_process(msgspec.json.encode(setup), tasks(0, 1, seed=3))
     assert 3.0 < one.crossed_s < 10.0
@@ -106,16 +92,12 @@ def test_an_episode_of_a_merge_says_when_the_marking_was_crossed():
 
 
 def test_the_planted_modes_are_three_pushes():
-    from known_answers import three_modes
-
     modes = three_modes()
     assert modes.shape == (3, 100, 2)
     assert [int(np.count_nonzero(mode)) for mode in modes] == [15, 15, 15]
 
 
 def test_one_cloud_is_what_its_name_says():
-    from known_answers import CLOUD_KINDS
-
     nothing = np.zeros((40, 30, 2))
     pushed = {
         kind: made(np.random.default_rng(0), nothing.copy()) for kind, made in CLOUD_KINDS.items()

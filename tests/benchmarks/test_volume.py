@@ -1,4 +1,4 @@
-"""benchmarks/volume.py with few episodes: it fills what it says; its stages do what they say."""
+"""The benchmark of a full database, with few episodes: its stages do what they say."""
 
 from contextlib import closing
 from importlib import import_module
@@ -20,14 +20,14 @@ def benchmark(request, monkeypatch):
 
 @pytest.mark.parametrize("total", [10, 1_000, 1_000_000, 999_999])
 def test_the_parts_make_the_whole(benchmark, total):
-    sizes = benchmark("volume_store").sizes_of(total)
+    sizes = benchmark("benchmarks.speed.volume_store").sizes_of(total)
     assert sum(sizes) == total
     assert sizes[0] >= total // 2
     assert len(set(sizes[1:])) == 1
 
 
 def test_rates_are_of_parts_of_equal_size(benchmark, monkeypatch):
-    store = benchmark("volume_store")
+    store = benchmark("benchmarks.speed.volume_store")
     monkeypatch.setattr(store, "PER_GROUP_OF_SPEED", 2)
     times = [(10, 1.0), (10, 3.0), (10, 0.5), (10, 0.5), (7, 0.5)]
     assert [*store.rates(times)] == [5.0, 20.0, 14.0]
@@ -35,9 +35,9 @@ def test_rates_are_of_parts_of_equal_size(benchmark, monkeypatch):
 
 def test_what_is_filled_is_analysed_exported_pruned_and_sound(benchmark, tmp_path):
     address = f"sqlite:///{tmp_path / 'a.db'}"
-    filled = benchmark("volume_store").fill(address, TOTAL)
+    filled = benchmark("benchmarks.speed.volume_store").fill(address, TOTAL)
     assert filled.commits_s > 0.0
-    stages = benchmark("volume_stages").STAGES
+    stages = benchmark("benchmarks.speed.volume_stages").STAGES
     with closing(open_store(address)) as store:
         done = [campaign.counts.completed for campaign in store.campaigns.page(10).items]
         assert sum(done) == TOTAL

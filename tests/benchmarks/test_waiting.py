@@ -9,7 +9,7 @@ import pytest
 @pytest.fixture
 def waiting(request, monkeypatch):
     monkeypatch.syspath_prepend(request.config.rootpath / "benchmarks")
-    return import_module("waiting")
+    return import_module("benchmarks.speed.waiting")
 
 
 def test_episodes_of_the_first_commit_ran_before_the_time_that_is_measured(waiting):

@@ -1,10 +1,12 @@
 """The script that makes the documents' pictures of the dashboard."""
 
+import subprocess
 import sys
 from pathlib import Path
 
 import deadlines
 import pytest
+from benchmarks.pictures import screenshots
 from PIL import Image
 
 pytestmark = pytest.mark.browser
@@ -14,21 +16,12 @@ NAMES = {"overview", "campaign", "launch", "episode", "analysis", "compare"}
 MOST_BYTES = 150_000
 
 
-@pytest.fixture
-def screenshots(monkeypatch):
-    monkeypatch.setattr(sys, "path", [*sys.path, str(ROOT / "benchmarks")])
-    import screenshots
-
-    return screenshots
-
-
-def test_every_page_has_a_small_picture(screenshots, address, made, tmp_path):
+def test_every_page_has_a_small_picture(address, made, tmp_path):
     # Playwright runs one loop for a process: the script's own comes in a process of its own.
-    import subprocess
-
-    script = ROOT / "benchmarks" / "screenshots.py"
+    script = [sys.executable, "-m", "benchmarks.pictures.screenshots"]
     done = subprocess.run(
-        [sys.executable, script, "--url", address, "--folder", tmp_path],
+        [*script, "--url", address, "--folder", tmp_path],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
@@ -45,7 +38,7 @@ def test_every_page_has_a_small_picture(screenshots, address, made, tmp_path):
         assert file.stat().st_size < MOST_BYTES
 
 
-def test_it_shows_the_campaign_with_the_most_failures(screenshots, address, made):
+def test_it_shows_the_campaign_with_the_most_failures(address, made):
     with screenshots.Client(address) as client:
         shown = screenshots.subject(client)
     assert shown.campaign == made.ast

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).parent))
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 from stage import Stage
 

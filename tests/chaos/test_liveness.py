@@ -14,8 +14,8 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
-from fake_services import FakeLearner, fake_hub, fake_learners, quiet
-from fake_worker import FakeWorker
+from benchmarks.faults.fake_services import FakeLearner, fake_hub, fake_learners, quiet
+from benchmarks.faults.fake_worker import FakeWorker
 from inprocess import NoAnalyses
 
 from eigenfail.values.campaign import FINAL_STATES, CampaignState

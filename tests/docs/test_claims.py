@@ -162,7 +162,7 @@ def held(claim):
     return claim.value is not None and low <= claim.value <= high
 
 
-COMMAND = "python benchmarks/claims.py"
+COMMAND = "python -m benchmarks.claims"
 PAGES = ("README.md", "docs/reproduction.md", "docs/reproduction_drive.md")
 
 
@@ -191,7 +191,7 @@ def test_a_figure_that_is_changed_in_a_page_is_found(claims, root, page):
 
 def test_every_target_has_been_measured(claims, root, monkeypatch):
     monkeypatch.syspath_prepend(root / "benchmarks")
-    targets = import_module("targets").TARGETS
+    targets = import_module("benchmarks.targets").TARGETS
     assert set(targets) <= set(claims)
     assert {name: claims[name].target for name in targets} == {
         name: target.words() for name, target in targets.items()

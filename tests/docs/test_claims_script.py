@@ -5,23 +5,19 @@ import sys
 
 import numpy as np
 import pytest
-
-
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch, root):
-    monkeypatch.syspath_prepend(root / "benchmarks")
+from benchmarks.claims import read_other_figures
+from benchmarks.figures import Figure, commit, write
+from benchmarks.peers.comparison import count_points
+from benchmarks.samples import mean, median
+from benchmarks.targets import add_target, list_missed
+from benchmarks.truth.shapes import draw_held_noise, shuffles, square_wave, square_waves
 
 
 def figure(value, **changes):
-    from figures import Figure
-
-    return Figure(value=value, unit="share", n=10, command="python benchmarks/claims.py", **changes)
+    return Figure(value=value, unit="share", n=10, command="python -m benchmarks.claims", **changes)
 
 
 def test_a_prefix_leaves_the_other_figures_and_their_commits_as_they_are(tmp_path):
-    from claims import read_other_figures
-    from figures import commit, write
-
     path = tmp_path / "claims.json"
     write(path, {"a.rate": figure(0.5, commit="old"), "b.rate": figure(0.1, commit="old")})
     write(path, read_other_figures(path, "b.") | {"b.rate": figure(0.2)})
@@ -32,8 +28,6 @@ def test_a_prefix_leaves_the_other_figures_and_their_commits_as_they_are(tmp_pat
 
 
 def test_targets_say_what_is_missed():
-    from targets import add_target, list_missed
-
     name, other = "cut_in.idm.mc2000.failure_rate", "cut_in.rulebook.mc2000.failures"
     figures = {name: figure(0.24), other: figure(0), "cut_in.rulebook.held2.rate": figure(0.3)}
     assert list_missed(figures, "cut_in.idm.mc") == [name]
@@ -48,9 +42,13 @@ def test_targets_say_what_is_missed():
 
 
 def test_an_unknown_prefix_is_a_usage_error(root, tmp_path):
-    script = [sys.executable, root / "benchmarks" / "claims.py", "--only", "cut_out"]
+    script = [sys.executable, "-m", "benchmarks.claims", "--only", "cut_out"]
     done = subprocess.run(
-        [*script, "--to", tmp_path / "x.json"], capture_output=True, text=True, check=False
+        [*script, "--to", tmp_path / "x.json"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 2
     assert "cut_in.rulebook.p_fail" in done.stdout
@@ -58,8 +56,6 @@ def test_an_unknown_prefix_is_a_usage_error(root, tmp_path):
 
 
 def test_held_noise_stands_still_and_shuffles_keep_the_values():
-    from shapes import draw_held_noise, shuffles, square_wave, square_waves
-
     rng = np.random.default_rng(1)
     z = draw_held_noise(rng, 4, 103, sigma=3.0, hold=5)
     assert z.shape == (4, 103, 2)
@@ -78,8 +74,6 @@ def test_held_noise_stands_still_and_shuffles_keep_the_values():
 
 
 def test_intervals_of_means_and_medians_hold_the_truth_in_nineteen_of_twenty_cases():
-    from samples import mean, median
-
     rng = np.random.default_rng(3)
     inside = np.zeros(2)
     for _ in range(400):
@@ -95,10 +89,8 @@ def test_intervals_of_means_and_medians_hold_the_truth_in_nineteen_of_twenty_cas
 def test_counts_of_points_follow_from_the_points_that_are_kept(root):
     """The counts are derived from other claims, each of which may be measured again alone."""
     import msgspec
-    from figures import Figure
-    from peers import count_points
 
     data = (root / "benchmarks" / "results" / "claims.json").read_bytes()
     claims = msgspec.json.decode(data, type=dict[str, Figure])
     for name, derived in dict(count_points(claims)).items():
-        assert claims[name].value == derived.value, f"Run `python benchmarks/claims.py` for {name}."
+        assert claims[name].value == derived.value, f"Run `python -m benchmarks.claims` for {name}."

@@ -3,19 +3,17 @@
 import msgspec
 import numpy as np
 import pytest
+from benchmarks.learning_figures import over_heuristics
+from benchmarks.searches import Crash, Found, prior
+from benchmarks.truth.curves import Curve, curve, picture
+from benchmarks.truth.heuristics import Tried
 
+from benchmarks import learning_figures as learning
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch, root):
-    monkeypatch.syspath_prepend(root / "benchmarks")
-
-
 def campaign(crashed, crashes=()):
-    from searches import Found
-
     return Found(
         spec=CampaignSpec(name="made up", method="ast", episodes=len(crashed)),
         crashed=tuple(crashed),
@@ -30,14 +28,10 @@ def campaign(crashed, crashes=()):
 
 
 def crash(log_probability, steps=10, prior=-20.0, severity=50.0):
-    from searches import Crash
-
     return Crash(np.zeros((steps, 2), np.float32), log_probability, prior, severity)
 
 
 def test_the_prior_of_noise_is_its_log_probability_where_every_square_is_one():
-    from searches import prior
-
     ones = NoiseTrajectory(np.ones((7, 2), np.float32), np.full((7, 2), 1.5, np.float32))
     large = msgspec.structs.replace(ones, z=3.0 * ones.z)
     assert prior(ones) == pytest.approx(ones.log_probability)
@@ -45,8 +39,6 @@ def test_the_prior_of_noise_is_its_log_probability_where_every_square_is_one():
 
 
 def test_a_campaign_is_told_in_rates_likelihood_and_severity():
-    import learning_figures as learning
-
     run = campaign([False, True, False, True], [crash(-30.0), crash(-20.0, steps=5, severity=70.0)])
     assert learning.failure_rate(run) == 0.5
     assert learning.first_failure(run) == 2.0
@@ -57,16 +49,12 @@ def test_a_campaign_is_told_in_rates_likelihood_and_severity():
 
 
 def test_without_a_failure_there_is_nothing_to_tell_of_failures():
-    import learning_figures as learning
-
     run = campaign([False, False])
     told = (learning.first_failure, learning.log_p_per_step, learning.log_p_ratio)
     assert [of(run) for of in (*told, learning.severity, learning.count_trained)] == [None] * 5
 
 
 def test_the_median_of_the_seeds_is_stated_with_all_of_them():
-    import learning_figures as learning
-
     runs = [campaign([True] * k + [False] * (4 - k)) for k in (3, 1, 4)]
     figure = learning.middle(runs, learning.failure_rate, "share", 4)
     assert (figure.value, figure.spread, figure.n) == (0.75, (0.25, 1.0), 4)
@@ -77,8 +65,6 @@ def test_the_median_of_the_seeds_is_stated_with_all_of_them():
 
 
 def test_a_curve_has_a_point_for_each_hundred_episodes():
-    from curves import curve
-
     crashed = [i >= 100 and i % 2 == 0 for i in range(250)]
     found = curve(campaign(crashed, [crash(-10.0 * (1 + i // 50)) for i in range(75)]))
     assert found.failure_rate == (0.0, 0.5, 0.5)
@@ -87,8 +73,6 @@ def test_a_curve_has_a_point_for_each_hundred_episodes():
 
 
 def test_the_picture_has_a_line_for_each_seed_broken_where_nothing_failed():
-    from curves import Curve, picture
-
     whole = Curve((0.1, 0.2, 0.3), (-3.0, -2.0, -1.0), (30.0, 20.0, 10.0))
     broken = Curve((0.1, 0.0, 0.3), (-3.0, None, -1.0), (30.0, 20.0, 10.0))
     svg = picture({"ast": (whole, broken)})
@@ -98,9 +82,6 @@ def test_the_picture_has_a_line_for_each_seed_broken_where_nothing_failed():
 
 
 def test_the_heuristic_to_beat_is_the_strongest_of_those_as_likely():
-    from heuristics import Tried
-    from learning_figures import over_heuristics
-
     tried = {
         "held": [Tried(1.0, 0.0, -2.0, 0.0), Tried(2.0, 0.2, -4.0, 0.0)],
         "squares": [Tried(1.0, 0.2, -1.0, 0.0), Tried(2.0, 0.6, -3.0, 0.0)],

@@ -52,7 +52,7 @@ NOT_RUN = {
     "pip install libsumo": INSTALLS,
     "cat *.log | jq": "It needs jq and the logs of a cluster.",
     "OTEL_": "It needs a collector of traces.",
-    ".venv/bin/python benchmarks/": MEASURES,
+    ".venv/bin/python -m benchmarks": MEASURES,
 }
 OTHERWISE = {
     "docs/deployment.md": f"{CONTAINERS} tests/deploy checks its files and commands.",

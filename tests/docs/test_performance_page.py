@@ -35,8 +35,9 @@ def without_numbers(line):
 
 
 def test_the_table_of_an_episode_is_what_the_script_prints(page, root):
-    script = [sys.executable, root / "benchmarks" / "episode_profile.py", "3"]
-    printed = subprocess.run(script, capture_output=True, text=True, check=True).stdout.splitlines()
+    script = [sys.executable, "-m", "benchmarks.speed.episode_profile", "3"]
+    done = subprocess.run(script, cwd=root, capture_output=True, text=True, check=True)
+    printed = done.stdout.splitlines()
     shown = table(page, "episode")
     assert [*map(without_numbers, shown)] == [*map(without_numbers, printed)]
     calls = {row[0]: row[1] for row in map(cells, printed[2:-1])}
@@ -52,7 +53,7 @@ def test_the_shares_make_a_whole(page):
 
 
 def test_the_table_of_the_service_has_the_scripts_rows(page, benchmark):
-    script = benchmark("service_profile")
+    script = benchmark("benchmarks.speed.service_profile")
     header, _, *rows = table(page, "service")
     assert cells(header) == list(script.COLUMNS)
     names = [script.BARE, *(name for name, _ in script.PROCESSES.values()), "wall time"]
@@ -104,7 +105,7 @@ def test_the_page_names_files_and_settings_that_exist(name, root):
 
 
 def test_a_part_counts_its_own_time_only(benchmark, monkeypatch):
-    profile, now = benchmark("episode_profile"), [0.0]
+    profile, now = benchmark("benchmarks.speed.episode_profile"), [0.0]
     monkeypatch.setattr(profile.time, "perf_counter", lambda: now[0])
     clock = profile.Clock()
 

@@ -26,22 +26,24 @@ def benchmarks(monkeypatch, root):
 
 @pytest.mark.parametrize("scenario", plugins.names(plugins.SCENARIOS))
 def test_each_scenario_is_drawn_as_it_runs(benchmarks, root, scenario):
-    from top_view import MOMENTS, SEEN_STEPS, TopView
+    from benchmarks.pictures.top_view import MOMENTS, SEEN_STEPS, TopView
 
     kept = (root / "docs" / "pictures" / f"{scenario}.svg").read_text()
-    assert words(kept) == words(TopView(scenario).picture()), "run benchmarks/pictures.py"
+    assert words(kept) == words(TopView(scenario).picture()), "run benchmarks/pictures/drawings.py"
     assert len(drawn(kept, "rect", "truck")) == MOMENTS + 1
     assert len(drawn(kept, "rect", "car")) > MOMENTS
     assert len(drawn(kept, "circle")) == MOMENTS * SEEN_STEPS + 1
 
 
 def test_the_crash_is_drawn_as_it_happens(benchmarks, root):
-    from crash_drawing import crash_view
+    from benchmarks.pictures.crash_drawing import crash_view
 
     kept, now = (root / "docs" / "pictures" / "crash.svg").read_text(), crash_view()
-    assert words(kept) == words(now), "run benchmarks/pictures.py"
+    assert words(kept) == words(now), "run benchmarks/pictures/drawings.py"
     for kind in ("polyline", "circle", "rect"):
-        assert len(drawn(kept, kind)) == len(drawn(now, kind)), "run benchmarks/pictures.py"
+        assert len(drawn(kept, kind)) == len(drawn(now, kind)), (
+            "run benchmarks/pictures/drawings.py"
+        )
     assert len(drawn(kept, "polyline", "believed")) > 2
 
 
@@ -53,7 +55,7 @@ def test_pictures_bring_their_own_ground_for_light_and_dark_pages(root):
 
 
 def read_words(file):
-    """Return the words of the page that `python benchmarks/screenshots.py` took a picture of."""
+    """Return the words of the page that the screenshots' program took a picture of."""
     with Image.open(file) as picture:
         return picture.info["words"]
 

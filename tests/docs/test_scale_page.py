@@ -14,14 +14,15 @@ def page(root):
 
 
 def test_the_table_of_workers_is_what_the_model_says_now(page, benchmark):
-    scale = benchmark("scale")
+    scale = benchmark("benchmarks.speed.scale")
     begin, end = scale.MARKS
     shown = page.split(begin)[1].split(end)[0].strip().splitlines()
     assert shown == [*scale.table(scale.latest())]
 
 
 def test_every_measured_crew_is_in_the_table(page, benchmark):
-    scale, columns = benchmark("scale"), benchmark("scale_table").HEADS
+    scale = benchmark("benchmarks.speed.scale")
+    columns = benchmark("benchmarks.speed.scale_table").HEADS
     place = columns.index("measured /s")
     rows = [line.split("|")[1:-1] for line in page.splitlines() if line.startswith("| `")]
     measured = sum(bool(row[place].strip()) for row in rows if len(row) == len(columns))
@@ -29,7 +30,8 @@ def test_every_measured_crew_is_in_the_table(page, benchmark):
 
 
 def test_how_far_a_method_looks_ahead_is_what_the_method_says(benchmark):
-    table, cases = benchmark("scale_table"), benchmark("learner_cost").CASES
+    table = benchmark("benchmarks.speed.scale_table")
+    cases = benchmark("benchmarks.speed.learner_cost").CASES
     methods = import_module("eigenfail.methods")
     for name, case in cases.items():
         method = methods.describe_method(case.method)
@@ -39,7 +41,7 @@ def test_how_far_a_method_looks_ahead_is_what_the_method_says(benchmark):
 
 
 def test_the_model_and_the_hub_have_the_same_bounds(benchmark):
-    parts = benchmark("scale_parts")
+    parts = benchmark("benchmarks.speed.scale_parts")
     commits = import_module("eigenfail_services.hub.commits")
     server = import_module("eigenfail_services.hub.server")
     assert (parts.GROUP_S, parts.GROUP) == (commits.MAX_WAIT_S, commits.MAX_RESULTS)

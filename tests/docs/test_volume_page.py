@@ -1,4 +1,4 @@
-"""benchmarks/scale.md shows what benchmarks/volume.py has measured of a million episodes."""
+"""benchmarks/scale.md shows what benchmarks/speed/volume.py has measured of a million episodes."""
 
 import json
 
@@ -8,7 +8,7 @@ import pytest
 @pytest.fixture
 def volume(benchmark):
     """The script that writes the table."""
-    return benchmark("volume_table")
+    return benchmark("benchmarks.speed.volume_table")
 
 
 @pytest.fixture

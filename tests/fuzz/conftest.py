@@ -1,6 +1,6 @@
-"""What bends messages and counts escapes is a benchmark, too; what sends requests, a program."""
+"""Lets the tests of bent messages and requests import the modules beside them."""
 
 import sys
 from pathlib import Path
 
-sys.path += [str(Path(__file__).parents[2] / "benchmarks"), str(Path(__file__).parent)]
+sys.path.append(str(Path(__file__).parent))

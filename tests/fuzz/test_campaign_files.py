@@ -5,7 +5,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from invalid_messages import cut_short, flip_bits
+from benchmarks.faults.invalid_messages import cut_short, flip_bits
 from typer.testing import CliRunner
 
 from eigenfail.cli.connection import Environment

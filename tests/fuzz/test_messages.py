@@ -5,9 +5,16 @@ from random import Random
 from unittest.mock import DEFAULT, patch
 
 import pytest
-from fuzzing import MESSAGES, OVER_SOCKETS, PLACES, SEED, at_the_hub, at_the_worker
-from fuzzing_bridge import WELCOME, at_the_engine, observe
-from invalid_messages import BENDS, words
+from benchmarks.faults.fuzzing import (
+    MESSAGES,
+    OVER_SOCKETS,
+    PLACES,
+    SEED,
+    at_the_hub,
+    at_the_worker,
+)
+from benchmarks.faults.fuzzing_bridge import WELCOME, at_the_engine, observe
+from benchmarks.faults.invalid_messages import BENDS, words
 from msgspec.msgpack import encode
 
 from eigenfail.errors import SimulatorError

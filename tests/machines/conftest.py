@@ -1,7 +1,6 @@
-"""What the machines play beside the real parts: here, and with the benchmarks, which use it too."""
+"""Lets the tests of machines import the modules beside them."""
 
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).parent
-sys.path += [str(HERE), str(HERE.parents[1] / "benchmarks")]
+sys.path.append(str(Path(__file__).parent))

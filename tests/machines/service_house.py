@@ -3,7 +3,7 @@
 from itertools import count
 from types import SimpleNamespace
 
-from fake_services import FakeLearner, fake_hub
+from benchmarks.faults.fake_services import FakeLearner, fake_hub
 from service_workers import FakeWorker, Key
 
 from eigenfail.errors import StoreUnavailable

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 from unittest.mock import patch
 
-import fake_worker
 import pytest
-from fake_services import FakeLearner, context_of, fake_hub, fake_learners, quiet
-from fake_worker import FakeEngine, FakeWorker
+from benchmarks.faults import fake_worker
+from benchmarks.faults.fake_services import FakeLearner, context_of, fake_hub, fake_learners, quiet
+from benchmarks.faults.fake_worker import FakeEngine, FakeWorker
 from sqlalchemy import select
 
 from eigenfail.testing.examples import spec

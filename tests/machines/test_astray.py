@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
-from fake_services import LAYER, context_of, fake_hub, fake_learners, quiet
-from fake_worker import FakeWorker
+from benchmarks.faults.fake_services import LAYER, context_of, fake_hub, fake_learners, quiet
+from benchmarks.faults.fake_worker import FakeWorker
 
 from eigenfail.errors import ProtocolError
 from eigenfail.testing.examples import result, spec

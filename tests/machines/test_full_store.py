@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from fake_services import context_of, fake_hub, fake_learners, quiet
+from benchmarks.faults.fake_services import context_of, fake_hub, fake_learners, quiet
 
 from eigenfail.errors import StoreUnwritable
 from eigenfail.testing.examples import result, spec

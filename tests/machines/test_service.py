@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
-from fake_services import fake_learners, quiet
+from benchmarks.faults.fake_services import fake_learners, quiet
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
-from fake_services import fake_hub, fake_learners
+from benchmarks.faults.fake_services import fake_hub, fake_learners
 from structlog.testing import capture_logs
 
 from eigenfail.testing.examples import result

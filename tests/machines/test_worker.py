@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from types import SimpleNamespace
 from unittest.mock import patch
 
-from fake_services import LAYER, quiet
-from fake_worker import FakeEngine, FakeWorker
+from benchmarks.faults.fake_services import LAYER, quiet
+from benchmarks.faults.fake_worker import FakeEngine, FakeWorker
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 from lives import lives

@@ -13,10 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from episode_pool import EpisodePool
-from figures import Figure
-from samples import COMMAND, share
-from targets import Target
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import Figure
+from benchmarks.samples import COMMAND, share
+from benchmarks.targets import Target
 
 from eigenfail import __version__, plugins
 from eigenfail.values.campaign import Campaign, CampaignState, Counts

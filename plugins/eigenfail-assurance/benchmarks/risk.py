@@ -19,11 +19,11 @@ from math import exp, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from episode_pool import EpisodePool
-from figures import Figure
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import Figure
+from benchmarks.samples import COMMAND, count_share, median, share
+from benchmarks.targets import Target
 from numpy.typing import NDArray
-from samples import COMMAND, count_share, median, share
-from targets import Target
 
 from eigenfail.intervals import Z
 from eigenfail.values.estimates import Estimate

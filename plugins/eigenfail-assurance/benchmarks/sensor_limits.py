@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from episode_loop import tasks
-from episode_pool import EpisodePool, make_setup
-from figures import Figure
+from benchmarks.episode_loop import tasks
+from benchmarks.episode_pool import EpisodePool, make_setup
+from benchmarks.figures import Figure
+from benchmarks.samples import COMMAND, count_share, share
+from benchmarks.targets import Target
 from numpy.typing import NDArray
-from samples import COMMAND, count_share, share
-from targets import Target
 
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec

@@ -7,13 +7,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[3]))
 
 import msgspec
-from episode_pool import EpisodePool, make_setup
-from figures import Figure
-from samples import COMMAND
-from targets import Target
+from benchmarks.episode_pool import EpisodePool, make_setup
+from benchmarks.figures import Figure
+from benchmarks.samples import COMMAND
+from benchmarks.targets import Target
 
 from eigenfail import plugins
 from eigenfail.contracts.recording import EgoControl, EpisodeRecording

@@ -15,14 +15,14 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[3]))
 
 import numpy as np
-from episode_pool import EpisodePool, open_pool
-from figures import Figure
+from benchmarks.episode_pool import EpisodePool, open_pool
+from benchmarks.figures import Figure
+from benchmarks.samples import COMMAND, count_share, share
+from benchmarks.targets import Target
 from numpy.typing import NDArray
-from samples import COMMAND, count_share, share
-from targets import Target
 
 from eigenfail.intervals import find_interval
 from eigenfail.values.channels import GHOST, MISSED, Channel

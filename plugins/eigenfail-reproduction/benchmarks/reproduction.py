@@ -10,13 +10,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[3]))
 
 import msgspec
-from episode_pool import EpisodePool
-from figures import RESULTS, ROOT, Figure
-from samples import COMMAND
-from targets import Target
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import RESULTS, ROOT, Figure
+from benchmarks.samples import COMMAND
+from benchmarks.targets import Target
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service

@@ -10,14 +10,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[3]))
 
 import msgspec
 import reproduction
-from episode_pool import EpisodePool
-from figures import RESULTS, ROOT, Figure
-from learning_figures import of_seeds
-from samples import COMMAND, share
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import RESULTS, ROOT, Figure
+from benchmarks.learning_figures import of_seeds
+from benchmarks.samples import COMMAND, share
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service

@@ -6,12 +6,12 @@ from math import log, pi
 from statistics import fmean
 
 import numpy as np
-from episode_pool import EpisodePool
-from figures import Figure
-from learning_figures import failure_rate, of_seeds
-from mode_reference import TrueFailures, true_failures
-from searches import EARLIER, Found, search, side_by_side
-from targets import Target
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import Figure
+from benchmarks.learning_figures import failure_rate, of_seeds
+from benchmarks.searches import EARLIER, Found, search, side_by_side
+from benchmarks.targets import Target
+from benchmarks.truth.mode_reference import TrueFailures, true_failures
 
 from eigenfail.settings import read_settings
 from eigenfail.values.arrays import Floats

@@ -38,9 +38,9 @@ a margin, since a level gives up whole ties."""
 FEWEST_FAMILIES = 2.5
 """Effective number of families below which nothing is printed: fewer do not show their own spread.
 A larger limit prints less that is right: where the importance misleads, an estimate above P comes
-from a few large families. Of 200 campaigns on the walk of `benchmarks/course_problems.py` that
-fails at its end alone (tuning seeds, 20 episodes a run) 94 % of the printed intervals held P with
-this limit, 93 % with 3, and the mean of the estimates was 0.87 P and 0.84 P."""
+from a few large families. Of 200 campaigns on the walk of `benchmarks/truth/course_problems.py`
+that fails at its end alone (tuning seeds, 20 episodes a run) 94 % of the printed intervals held P
+with this limit, 93 % with 3, and the mean of the estimates was 0.87 P and 0.84 P."""
 
 
 MISLED = (

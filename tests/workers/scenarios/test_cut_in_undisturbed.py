@@ -19,7 +19,7 @@ def grid():
 
     Every combination of the values of any three parameters is among them (an orthogonal array of
     strength 3), so a failure that takes three parameters at most is met. All 729 are run by
-    `benchmarks/undisturbed.py`.
+    `benchmarks/truth/undisturbed.py`.
     """
     (schema,) = msgspec.json.schema(CutInParameters)["$defs"].values()
     fields = schema["properties"]

@@ -1,0 +1,205 @@
+"""Figures: whether a policy of AST fails the planner elsewhere, from ten seeds: worst and median.
+
+One policy is the best of those that `examples/transfer.toml` trains over a distribution of the
+scenario, the other is trained at its defaults, with the default settings. Both are then used
+without learning, over `JUDGED` and at `PLACES`, where the initial gap is always the scenario's
+default.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import log, pi
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import ROOT, Figure
+from benchmarks.learning_figures import each, of_seeds
+from benchmarks.samples import COMMAND
+from benchmarks.searches import Crash, Found, evaluations, side_by_side
+
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import episode_seed
+from eigenfail.values.variation import read_variation
+from eigenfail_workers.scenarios.cut_in import CutIn, CutInParameters
+
+SEEDS, EPISODES, DRAWN = 10, 40, 100
+
+OFFSET = 30_079
+"""First seed of the policies less the seed of the claims: no policy of 20291201 to 20291210 was
+looked at while the settings were chosen."""
+
+EXAMPLE = ROOT / "examples" / "transfer.toml"
+
+PLACES: dict[str, tuple[float, ...]] = {
+    "distance_m": (52.0, 55.0, 58.0, 61.0, 64.0),
+    "actor_speed_mps": (12.0, 13.25, 14.0),
+    "ego_speed_mps": (22.0, 23.0, 25.0),
+}
+"""One parameter differs from its default, by at most 6 m, 1.5 m/s and 2 m/s: as far as the
+scenario's bounds allow, which are 12 m/s for the car and 25 m/s for the truck."""
+
+JUDGED: Mapping[str, Any] = MappingProxyType(
+    {
+        "distance_m": {"uniform": [52.0, 64.0]},
+        "actor_speed_mps": {"uniform": [12.0, 14.0]},
+        "ego_speed_mps": {"uniform": [22.0, 25.0]},
+    }
+)
+"""The range of the place "drawn". The example trains with shorter initial gaps too, and more
+often with a slow truck: these are not judged."""
+
+
+class Share(NamedTuple):
+    """Episodes that failed, of those of a policy at one place."""
+
+    failed: int
+    episodes: int
+
+    @property
+    def value(self) -> float:
+        """Failures ÷ episodes."""
+        return self.failed / self.episodes
+
+
+class Transfer(NamedTuple):
+    """What one policy does: its share of failures at each place, and its failures."""
+
+    shares: dict[str, Share]
+    crashes: tuple[Crash, ...]
+
+    def find_worst(self) -> str:
+        """Return the place with the smallest share."""
+        return min(self.shares, key=lambda place: self.shares[place].value)
+
+
+def over_a_distribution(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The policy of `examples/transfer.toml`."""
+    found = list_transfers(pool, read_example(), list_seeds(seed))
+    worst = [one.shares[one.find_worst()].value for one in found]
+    median = of_seeds(worst, "share", EPISODES)
+    places = ", ".join(one.find_worst() for one in found)
+    lowest = msgspec.structs.replace(
+        median,
+        value=min(worst),
+        note=f"worst of the seeds {name_seeds(seed)}, at the worst of "
+        f"{len(found[0].shares)} places: "
+        f"{', '.join(f'{value:.4g}' for value in worst)}; at {places}",
+    )
+    yield "ast.transfer_worst", lowest
+    yield "ast.transfer_median", median
+    yield from summarize("ast.transfer", found)
+
+
+def from_one_scenario(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The policy of the default settings, trained at the scenario's defaults."""
+    spec = CampaignSpec(name="ast", method="ast", episodes=1000, scenario="cut_in")
+    found = list_transfers(pool, spec, list_seeds(seed))
+    worst = [one.shares[one.find_worst()].value for one in found]
+    yield "ast.one_scenario.worst_place", of_seeds(worst, "share", EPISODES)
+    yield from summarize("ast.one_scenario", found)
+
+
+def list_seeds(seed: int) -> range:
+    """Return the seeds of the policies, given that of the claims."""
+    return range(seed + OFFSET, seed + OFFSET + SEEDS)
+
+
+def list_transfers(pool: EpisodePool, spec: CampaignSpec, seeds: range) -> list[Transfer]:
+    """Train a policy from each seed, and evaluate it at all places."""
+    specs = [msgspec.structs.replace(spec, seed=seed) for seed in seeds]
+    trained = side_by_side(pool, specs)
+    runs = {
+        f"{name} {value:g}": evaluations(pool, trained, EPISODES, **{name: value})
+        for name, values in PLACES.items()
+        for value in values
+    }
+    spread = [over_the_range(found) for found in trained]
+    drawn = evaluations(pool, spread, DRAWN)
+    return [
+        Transfer(
+            shares={
+                **{place: Share(sum(at[i].crashed), EPISODES) for place, at in runs.items()},
+                "drawn": count_reachable(drawn[i]),
+            },
+            crashes=tuple(crash for at in (*runs.values(), drawn) for crash in at[i].crashes),
+        )
+        for i in range(len(seeds))
+    ]
+
+
+def name_seeds(seed: int) -> str:
+    """Return the first and the last seed of the policies, as "1 to 10"."""
+    seeds = list_seeds(seed)
+    return f"{seeds[0]} to {seeds[-1]}"
+
+
+def over_the_range(found: Found) -> Found:
+    """The same knowledge, to be evaluated over the judged range."""
+    given = dict(JUDGED)
+    return found._replace(spec=msgspec.structs.replace(found.spec, scenario_parameters=given))
+
+
+def read_example() -> CampaignSpec:
+    """The campaign of the example."""
+    return msgspec.toml.decode(EXAMPLE.read_bytes(), type=CampaignSpec)
+
+
+def count_reachable(run: Found) -> Share:
+    """Failures among the draws in which the truck, at its initial speed, would reach the car.
+
+    In the others, of closing speeds below 9.4 m/s, the episode ends before that.
+    """
+    variation = read_variation(CutInParameters, JUDGED)
+    reached = [
+        crashed
+        for i, crashed in enumerate(run.crashed)
+        if is_reachable(variation.draw(episode_seed(run.spec.seed, i)))
+    ]
+    return Share(sum(reached), len(reached))
+
+
+def is_reachable(parameters: CutInParameters) -> bool:
+    """Whether the truck would reach the car within the episode if both kept their speeds."""
+    situation = CutIn()(parameters, 0)
+    closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
+    lasts_s = situation.steps * situation.mission.dt_s
+    return parameters.initial_gap_m < closing_mps * lasts_s
+
+
+def summarize(prefix: str, found: Sequence[Transfer]) -> Iterator[tuple[str, Figure]]:
+    """The share at each place, smallest and median of the seeds; how likely the failures are."""
+    for place in found[0].shares:
+        shares = [one.shares[place] for one in found]
+        values = [share.value for share in shares]
+        name = place.replace("_mps", "").replace("_m", "").replace(" ", "_")
+        n = sum(share.episodes for share in shares)
+        yield (
+            f"{prefix}.{name}",
+            Figure(
+                value=min(values),
+                unit="share",
+                n=n,
+                spread=(min(values), max(values)),
+                note=f"worst of the seeds; {each(values)}",
+                command=COMMAND,
+            ),
+        )
+    n = sum(len(one.crashes) for one in found)
+    yield f"{prefix}.log_p_per_step", of_seeds([compute_log_p(one) for one in found], "nat", n)
+    in_sigma = [compute_log_p_of_z(one) for one in found]
+    yield f"{prefix}.log_p_z_per_step", of_seeds(in_sigma, "nat", n)
+
+
+def compute_log_p(one: Transfer) -> float:
+    """log p of the failures over all of their steps ÷ steps."""
+    steps = sum(len(crash.z) for crash in one.crashes)
+    return sum(crash.log_probability for crash in one.crashes) / steps
+
+
+def compute_log_p_of_z(one: Transfer) -> float:
+    """The same of z, standard normal under p: −2.838 for noise from p."""
+    steps = sum(len(crash.z) for crash in one.crashes)
+    squares = sum(float(np.square(crash.z, dtype=np.float64).sum()) for crash in one.crashes)
+    return -0.5 * squares / steps - log(2.0 * pi)
