@@ -1,9 +1,9 @@
 """The benchmark of a full database, with few episodes: its stages do what they say."""
 
 from contextlib import closing
-from importlib import import_module
 
 import pytest
+from benchmarks.speed import volume_stages, volume_store
 
 from eigenfail.values.episode import Outcome
 from eigenfail_services.store import open_store
@@ -11,33 +11,26 @@ from eigenfail_services.store import open_store
 TOTAL = 1_200
 
 
-@pytest.fixture
-def benchmark(request, monkeypatch):
-    """Imports a script of benchmarks/, as it is when it is run."""
-    monkeypatch.syspath_prepend(request.config.rootpath / "benchmarks")
-    return import_module
-
-
 @pytest.mark.parametrize("total", [10, 1_000, 1_000_000, 999_999])
-def test_the_parts_make_the_whole(benchmark, total):
-    sizes = benchmark("benchmarks.speed.volume_store").sizes_of(total)
+def test_the_parts_make_the_whole(total):
+    sizes = volume_store.sizes_of(total)
     assert sum(sizes) == total
     assert sizes[0] >= total // 2
     assert len(set(sizes[1:])) == 1
 
 
-def test_rates_are_of_parts_of_equal_size(benchmark, monkeypatch):
-    store = benchmark("benchmarks.speed.volume_store")
+def test_rates_are_of_parts_of_equal_size(monkeypatch):
+    store = volume_store
     monkeypatch.setattr(store, "PER_GROUP_OF_SPEED", 2)
     times = [(10, 1.0), (10, 3.0), (10, 0.5), (10, 0.5), (7, 0.5)]
     assert [*store.rates(times)] == [5.0, 20.0, 14.0]
 
 
-def test_what_is_filled_is_analysed_exported_pruned_and_sound(benchmark, tmp_path):
+def test_what_is_filled_is_analysed_exported_pruned_and_sound(tmp_path):
     address = f"sqlite:///{tmp_path / 'a.db'}"
-    filled = benchmark("benchmarks.speed.volume_store").fill(address, TOTAL)
+    filled = volume_store.fill(address, TOTAL)
     assert filled.commits_s > 0.0
-    stages = benchmark("benchmarks.speed.volume_stages").STAGES
+    stages = volume_stages.STAGES
     with closing(open_store(address)) as store:
         done = [campaign.counts.completed for campaign in store.campaigns.page(10).items]
         assert sum(done) == TOTAL

@@ -4,6 +4,8 @@ import re
 from xml.etree import ElementTree as ET
 
 import pytest
+from benchmarks.pictures.crash_drawing import crash_view
+from benchmarks.pictures.top_view import MOMENTS, SEEN_STEPS, TopView
 from PIL import Image
 
 from eigenfail import plugins
@@ -19,15 +21,8 @@ def words(svg):
     return [one.text for one in drawn(svg, "text")]
 
 
-@pytest.fixture
-def benchmarks(monkeypatch, root):
-    monkeypatch.syspath_prepend(root / "benchmarks")
-
-
 @pytest.mark.parametrize("scenario", plugins.names(plugins.SCENARIOS))
-def test_each_scenario_is_drawn_as_it_runs(benchmarks, root, scenario):
-    from benchmarks.pictures.top_view import MOMENTS, SEEN_STEPS, TopView
-
+def test_each_scenario_is_drawn_as_it_runs(root, scenario):
     kept = (root / "docs" / "pictures" / f"{scenario}.svg").read_text()
     assert words(kept) == words(TopView(scenario).picture()), "run benchmarks/pictures/drawings.py"
     assert len(drawn(kept, "rect", "truck")) == MOMENTS + 1
@@ -35,9 +30,7 @@ def test_each_scenario_is_drawn_as_it_runs(benchmarks, root, scenario):
     assert len(drawn(kept, "circle")) == MOMENTS * SEEN_STEPS + 1
 
 
-def test_the_crash_is_drawn_as_it_happens(benchmarks, root):
-    from benchmarks.pictures.crash_drawing import crash_view
-
+def test_the_crash_is_drawn_as_it_happens(root):
     kept, now = (root / "docs" / "pictures" / "crash.svg").read_text(), crash_view()
     assert words(kept) == words(now), "run benchmarks/pictures/drawings.py"
     for kind in ("polyline", "circle", "rect"):

@@ -14,7 +14,6 @@ PLUGIN = Path(__file__).parents[1]
 def benchmark():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(PLUGIN / "benchmarks")
-        patch.syspath_prepend(PLUGIN.parents[1] / "benchmarks")
         import noise_fit
 
         yield noise_fit

@@ -27,8 +27,7 @@ def root():
 @pytest.fixture
 def import_benchmark(monkeypatch):
     """Imports a benchmark of the plug-in by its name."""
-    for folder in (ROOT, Path(__file__).parents[1]):
-        monkeypatch.syspath_prepend(folder / "benchmarks")
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
     return import_module
 
 
