@@ -1,4 +1,4 @@
-"""Exports of episodes: as what they are written, and how far a Parquet file is."""
+"""Exports of episodes: as what they are written, and which of them."""
 
 from enum import StrEnum
 
@@ -6,7 +6,7 @@ import msgspec
 
 
 class ExportFormat(StrEnum):
-    """As what episodes are written. Text is streamed; `parquet` is made first, then fetched."""
+    """As what episodes are written."""
 
     CSV = "csv"
     NDJSON = "ndjson"
@@ -28,31 +28,3 @@ class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sort: str = "index"
     fields: tuple[str, ...] = ()
     noise: bool = False
-
-
-class ExportState(StrEnum):
-    """Progress of an export."""
-
-    RUNNING = "running"
-    DONE = "done"
-    FAILED = "failed"
-
-
-class Export(msgspec.Struct, frozen=True, kw_only=True):
-    """A Parquet file of episodes.
-
-    Attributes:
-        id: identifier of the export.
-        rows: how many episodes are written so far.
-        size_bytes: size of the file; None until it is done.
-        problem: why it failed; empty unless it did.
-    """
-
-    id: str
-    campaign: int
-    request: ExportRequest
-    state: ExportState
-    created_ms: int
-    rows: int = 0
-    size_bytes: int | None = None
-    problem: str = ""

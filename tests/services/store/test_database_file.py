@@ -22,7 +22,6 @@ from eigenfail.errors import InvalidValue, StoreDamaged, StoreUnavailable
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.records import Verdict
-from eigenfail_services.export_jobs import find_export_folder
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import find_backend
 from eigenfail_services.upkeep.backup import backup, belongs_to, restore
@@ -90,7 +89,6 @@ def test_a_database_lies_in_its_folder_whatever_its_name(one, other) -> None:
             assert (
                 find_vacuum_program(folder.database).size() == folder.database_file.stat().st_size
             )
-            assert find_export_folder(folder.database) == folder.path / "exports"
             find_backend(folder.database).require()
         assert folders[0].database_file.samefile(folders[1].database_file) == (one == other)
         there = sum(len(names) for _, _, names in os.walk(home))
