@@ -21,7 +21,7 @@ MAX_ANALYSES_SEARCHED = 100
 def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
     """Return the cost of a campaign, of its failures and modes, and the use of its time, so far."""
     spec, totals = campaign.spec, store.episodes.spending(campaign.id)
-    rate = summary.find_failure_rate(campaign, summary.count_doubtful(store, campaign))
+    rate = summary.find_failure_rate(campaign, summary.count_unresolved(store, campaign))
     modes, cost = _find_known_modes(store, campaign), summary.find_cost(campaign, rate)
     count = None if modes.found_ms is None else len(modes.found_ms)
     return CampaignCost(

@@ -42,8 +42,8 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
     may have been read a few results apart.
     """
-    unresolved = summarise_unresolved(campaign, totals.conflicts)
-    completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.doubtful)
+    unresolved = Unresolved(totals.conflicts.unresolved, find_horizon_s(campaign.spec))
+    completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.count)
     return Summary(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -84,14 +84,9 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
     )
 
 
-def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
-    """Return the episodes that are no failures only because they ended, and their horizon."""
-    return Unresolved(totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec))
-
-
-def count_doubtful(store: Store, campaign: Campaign) -> int:
-    """Return the number of a campaign's episodes that are unresolved, or may be."""
-    return summarise_unresolved(campaign, store.episodes.totals(campaign.id).conflicts).doubtful
+def count_unresolved(store: Store, campaign: Campaign) -> int:
+    """Return the number of a campaign's episodes that are unresolved."""
+    return store.episodes.totals(campaign.id).conflicts.unresolved
 
 
 def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
@@ -200,7 +195,7 @@ def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> 
             campaign,
             measured,
             summarise_conflicts(totals.conflicts),
-            summarise_unresolved(campaign, totals.conflicts),
+            Unresolved(totals.conflicts.unresolved, find_horizon_s(campaign.spec)),
             level,
         ),
     )

@@ -20,7 +20,7 @@ from eigenfail_services.analysis.behaviour import Origin, read_motion
 from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.summary import count_doubtful
+from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.comparison.comparability import flatten_spec
 from eigenfail_services.store import Store
 from eigenfail_services.store.analyses import UNFINISHED
@@ -78,7 +78,7 @@ class ReadRelease(NamedTuple):
         groups: analyses whose modes are not distinct.
         noise: seeds and settings of its campaigns as text: the same ones give the same noise.
         errored: number of its episodes that errored.
-        unresolved: number of its episodes that are unresolved, or may be.
+        unresolved: number of its episodes that are unresolved.
     """
 
     release: Release
@@ -158,7 +158,7 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
         groups=tuple(dict.fromkeys(each.analysis for each in found if not each.is_distinct)),
         noise=_write_noise(used),
         errored=sum(each.counts.errored for each in used),
-        unresolved=sum(count_doubtful(store, each) for each in used),
+        unresolved=sum(count_unresolved(store, each) for each in used),
     )
 
 

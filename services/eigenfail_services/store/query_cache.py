@@ -31,7 +31,7 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
-from eigenfail_services.store.totals import count_doubtful, count_results, sum_campaigns
+from eigenfail_services.store.totals import count_results, select_unresolved, sum_campaigns
 
 Answer = TypeVar("Answer")
 
@@ -213,7 +213,7 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requir
 
 
 def _select_pools() -> sa.Select[*tuple[Any, ...]]:
-    ended = count_doubtful()
+    ended = select_unresolved().subquery()
     rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
     judges_failures = sa.case((sa.and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (
@@ -223,7 +223,7 @@ def _select_pools() -> sa.Select[*tuple[Any, ...]]:
             campaigns.c.completed,
             campaigns.c.failures,
             campaigns.c.failed,
-            ended.c.doubtful,
+            ended.c.unresolved,
             instance_hours.label("hours"),
             spent_usd.label("usd"),
             judges_failures.label("judges_failures"),
@@ -248,7 +248,7 @@ def _select_pools() -> sa.Select[*tuple[Any, ...]]:
             sa.func.sum(facts.completed).label("completed"),
             sa.func.sum(facts.failures).label("failures"),
             sa.func.sum(facts.failed).label("errored"),
-            sa.func.coalesce(sa.func.sum(sa.cast(facts.doubtful, sa.Integer)), 0).label(
+            sa.func.coalesce(sa.func.sum(sa.cast(facts.unresolved, sa.Integer)), 0).label(
                 "unresolved"
             ),
             sa.func.max(facts.judges_failures).label("judges_failures"),

@@ -307,7 +307,7 @@ def test_a_report_on_a_function_claims_nothing_that_was_not_measured() -> None:
     (row,) = records(table(made.report, "safety"))
     assert (row["measure"], row["k"], row["n"]) == ("failures", 24, 24)
     (row,) = records(table(made.report, "results"))
-    assert row["unresolved"] is row["unresolved_not_known"] is row["severity"] is None
+    assert row["unresolved"] is row["severity"] is None
     html = made.html().decode()
     for words in ("Near misses<", "Planner failures", "Mean severity", "|dx|", "v_actor"):
         assert words not in html
