@@ -20,7 +20,6 @@ from eigenfail.values.summary import Conflicts, Course, Errored, MeanTime, Summa
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
@@ -173,13 +172,6 @@ def divide(amount: float | None, per: float) -> float | None:
     return None if amount is None or not per else amount / per
 
 
-MOST_TABLES = 500
-
-
-# The intervals of VaR and CVaR take longer than everything else on a page that shows them.
-CACHE: StoreCache[Safety] = StoreCache(MOST_TABLES)
-
-
 def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> Safety:
     """Return the safety table of the episodes so far.
 
@@ -187,9 +179,9 @@ def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> 
         InvalidValue: the level is not between 0 and 1.
     """
     totals, measured = store.episodes.totals(campaign.id), store.episodes.safety(campaign.id)
-    return CACHE.get(
-        store,
-        (campaign.id, level),
+    # The intervals of VaR and CVaR take longer than everything else on a page that shows them.
+    return store.answers.get(
+        ("safety table", campaign.id, level),
         (campaign.counts, totals, measured.completed),
         lambda: campaign_figures.make_safety(
             campaign,

@@ -19,7 +19,6 @@ from eigenfail.worlds import world_of
 from eigenfail_services.analysis.behaviour import Origin, read_motion
 from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.comparison.comparability import flatten_spec
 from eigenfail_services.store import Store
@@ -60,9 +59,6 @@ class _CampaignModes(NamedTuple):
     is_snapshot: bool
     step_s: float
     modes: tuple[ModeSource, ...]
-
-
-_cached = StoreCache[_CampaignModes | None](500)
 
 
 class ReadRelease(NamedTuple):
@@ -209,9 +205,11 @@ def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None
     if analysis is None:
         return f"Campaign {campaign.id} is not analysed{_describe_next(store, campaign.id)}"
     # A finished analysis never changes, so the cache needs no state.
-    place = analysis, campaign.id
+    question = ("modes of a campaign", analysis, campaign.id)
     try:
-        found = _cached.get(store, place, None, lambda: _read_behaviours(store, analysis, campaign))
+        found = store.answers.get(
+            question, None, lambda: _read_behaviours(store, analysis, campaign)
+        )
     except InputError as error:
         return f"The scenario of campaign {campaign.id} is not installed here as it was: {error}"
     if found is None:

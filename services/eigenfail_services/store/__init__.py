@@ -16,11 +16,10 @@ from eigenfail_services.store.failures import FailureStore
 from eigenfail_services.store.gates import GateStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
-from eigenfail_services.store.query_cache import CachedQueries, FigureStore
+from eigenfail_services.store.query_cache import AnswerCache, CachedQueries, FigureStore
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
-from eigenfail_services.store.triage import TriageStore
 from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
@@ -34,13 +33,13 @@ class Store:
     def __init__(self, database: Database) -> None:
         self._database = database
         self.campaigns = CampaignStore(database)
-        cached = CachedQueries(database)
+        self.answers = AnswerCache()
+        cached = CachedQueries(database, self.answers)
         self.episodes = EpisodeStore(database, cached)
         self.failures = FailureStore(database)
         self.figures = FigureStore(database, cached)
         self.checkpoints = CheckpointStore(database)
         self.analyses = AnalysisStore(database)
-        self.triage = TriageStore(database)
         self.retention = RetentionStore(database)
         self.events = EventLog(database)
         self.jobs = JobQueue(

@@ -362,7 +362,7 @@ def triaged(run: Callable[..., int]) -> Store:
         store.campaigns.add_code(1, {"eigenfail_workers": digest})
     run_analysis(store, store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0)).id)
     change = TriageChange(TriageState.KNOWN, "https://t/7", "<b>seen</b> on track 3")
-    store.triage.change(1, 2, change, "anna's key")
+    store.analyses.change_triage(1, 2, change, "anna's key")
     return store
 
 
