@@ -94,8 +94,8 @@ def test_a_service_whose_database_is_moved_waits_until_it_is_back(folder, tmp_pa
             asked(service, "GET", f"/campaigns/{campaign}", headers={"Accept": "text/html"}),
         ):
             assert (answer.status_code, answer.headers["Retry-After"]) == (503, "1")
-            assert "was moved or deleted" in answer.text
-            assert "Move it back" in answer.text
+            assert "was moved, deleted or replaced" in answer.text
+            assert "Put it back" in answer.text
             assert took_s < 5.0
         time.sleep(2.0)
         assert not file.exists()

@@ -1,6 +1,6 @@
-"""Backups of SQLite: a whole database in one file, and its restoration, all or nothing.
+"""Whole databases of SQLite: a backup in one file, its restoration, and free space given back.
 
-Both are SQLite's online backup. PostgreSQL has programs of its own, which users run themselves.
+Copies are SQLite's online backup. PostgreSQL has programs of its own, which users run themselves.
 """
 
 import os
@@ -20,7 +20,8 @@ from sqlalchemy import (
 
 from eigenfail.addresses import sqlite_path, sqlite_uri
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
-from eigenfail.values.operations import Backup
+from eigenfail.values.operations import Backup, Vacuumed
+from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import find_backend, read_kind
 from eigenfail_services.store.migrate import refuse_unknown
 from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata
@@ -116,7 +117,9 @@ def translate_sqlite_errors(what: str) -> Iterator[None]:
     """
     remedies = {
         sqlite3.SQLITE_BUSY: "Stop the service that uses it, and whatever else has it open.",
-        sqlite3.SQLITE_FULL: "Make room on the disk, and try again.",
+        sqlite3.SQLITE_FULL: (
+            "Make room on the disk, and try again; SQLITE_TMPDIR may name a folder on another."
+        ),
         sqlite3.SQLITE_NOTADB: "Move the damaged file away, with its -wal and -shm, and try again.",
     }
     try:
@@ -190,6 +193,41 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
     return Backup(backend.label, str(file), file.stat().st_size, revision)
 
 
+def vacuum(address: str) -> Vacuumed:
+    """Give the space of deleted rows back to the disk.
+
+    SQLite copies the database into a new file: it must not be in use meanwhile, and there must be
+    room for both.
+
+    Raises:
+        InvalidValue: the address is invalid.
+        Conflict: this is PostgreSQL's, which gives space back by itself.
+        StoreUnavailable: there is no database, or it does not answer.
+        SchemaMismatch: its schema is not this program's.
+        ServiceError: the database is in use, or there is no room to work in.
+    """
+    path = _find_path(address, 'psql --command="VACUUM (ANALYZE)" DATABASE')
+    # Opening it refuses a database that is not this program's, before its file is rewritten.
+    open_store(address, migrate=False).close()
+    before = _measure(path)
+    with (
+        translate_sqlite_errors(f"{path} was not changed"),
+        closing(open_sqlite(path, "rw", LOCK_TIMEOUT_S)) as connection,
+    ):
+        # SQLite refuses to change the mode of a database that another program has open. Without
+        # this, writers of a running service would wait in vain for minutes.
+        connection.execute("PRAGMA journal_mode = DELETE")
+        connection.execute("VACUUM")
+        connection.execute("PRAGMA journal_mode = WAL")
+    return Vacuumed(find_backend(address).label, before, _measure(path))
+
+
+def _measure(path: Path) -> int:
+    """Return the size of a database with what lies beside it. [bytes]"""
+    files = (path.with_name(path.name + ending) for ending in FILE_SUFFIXES)
+    return sum(file.stat().st_size for file in files if file.exists())
+
+
 def _find_path(address: str, instead: str) -> Path:
     """Return the path of a SQLite database.
 
@@ -199,7 +237,7 @@ def _find_path(address: str, instead: str) -> Path:
     if read_kind(address) == "sqlite":
         return sqlite_path(address)
     raise Conflict(
-        "PostgreSQL is backed up and restored by its own programs.",
+        "PostgreSQL has programs of its own for this.",
         f"Run: {instead} (see docs/deployment.md, Backups).",
     )
 

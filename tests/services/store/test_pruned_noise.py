@@ -22,7 +22,7 @@ from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.comparison.comparability import pair_episodes
 from eigenfail_services.export_formats import ExportSource, Selection, write_parquet
 from eigenfail_services.store import Store, open_store
-from eigenfail_services.upkeep.maintenance import PruneSelection, prune
+from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 
 
