@@ -1,6 +1,7 @@
 """Episodes, as a client sees them: read, replayed, and exported to files."""
 
 from collections.abc import Sequence
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, overload
@@ -23,7 +24,6 @@ from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import list_named_columns
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.episode import Outcome
-from eigenfail.values.export import ExportFormat, ExportRequest
 from eigenfail.values.failures import FailureRequest, parse_failure_sort
 from eigenfail.values.operations import Presence
 from eigenfail.values.proof import Explanation
@@ -33,6 +33,31 @@ from eigenfail.wire.http import ReplayRequest, read_fields
 
 Picked = dict[str, Value | None]
 """Columns of an episode by their names; None where nothing was measured."""
+
+
+class ExportFormat(StrEnum):
+    """As what episodes are written."""
+
+    CSV = "csv"
+    NDJSON = "ndjson"
+    PARQUET = "parquet"
+
+
+class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Contents of an export; see docs/episodes.md.
+
+    Attributes:
+        filter: conditions on its episodes.
+        sort: their order.
+        fields: columns; all of them if none is named.
+        noise: whether each episode's z comes along, as `<channel>_z`: on a road `longitudinal_z`
+            and `lateral_z`. [sigma]
+    """
+
+    filter: str = ""
+    sort: str = "index"
+    fields: tuple[str, ...] = ()
+    noise: bool = False
 
 
 class ExportOptions(TypedDict, total=False):
