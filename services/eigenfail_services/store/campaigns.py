@@ -147,7 +147,14 @@ class CampaignStore:
             IllegalTransition: the campaign has ended.
         """
         with self._database.writing() as connection:
-            return _prioritise_campaign(connection, campaign, priority)
+            before = lock_campaign(connection, campaign)
+            after = set_priority(before, priority)
+            if after is not before:
+                ours = update(campaigns).where(campaigns.c.id == campaign)
+                connection.execute(ours.values(priority=priority))
+                message = f"{name_campaign(after)} has the priority {priority} from now on."
+                append_event(connection, "campaign.priority", message, campaign)
+        return after
 
     def archive(self, campaign: int) -> Campaign:
         """Archive a campaign that has ended: public lists omit it, and nothing of it is deleted.
@@ -350,18 +357,6 @@ def _move_campaign(
     queue_campaign_end(connection, after)
     message = f"{name_campaign(after)} {PHRASES[after.state]}. {because}".strip()
     append_event(connection, "campaign.state", message, campaign)
-    return after
-
-
-def _prioritise_campaign(connection: Connection, campaign: int, priority: Priority) -> Campaign:
-    before = lock_campaign(connection, campaign)
-    after = set_priority(before, priority)
-    if after is not before:
-        connection.execute(
-            update(campaigns).where(campaigns.c.id == campaign).values(priority=priority)
-        )
-        message = f"{name_campaign(after)} has the priority {priority} from now on."
-        append_event(connection, "campaign.priority", message, campaign)
     return after
 
 

@@ -45,6 +45,8 @@ _Column = NDArray[np.float64]
 
 _FAILED = sa.cast(is_failure, sa.Integer)
 
+_COMPLETED = episodes.c.outcome != Outcome.ERRORED
+
 
 _IS_UNRESOLVED = (
     episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2,
@@ -74,7 +76,7 @@ def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[Block
     query = (
         sa.select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
         .add_columns(episodes.c.steps, sa.cast(sa.and_(*_IS_UNRESOLVED), sa.Integer))
-        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
+        .where(episodes.c.campaign == campaign, _COMPLETED)
         # Rows are read in the order in which they were written, one behind the other, and are
         # sorted below.
         .order_by(episodes.c.finished_ms, episode_index)
@@ -152,7 +154,9 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTot
 
     Memory grows with the campaign by two numbers for each failure only.
     """
-    done = sa.select(sa.func.count(), sa.func.sum(_FAILED)).where(*_is_completed(campaign))
+    done = sa.select(sa.func.count(), sa.func.sum(_FAILED)).where(
+        episodes.c.campaign == campaign, _COMPLETED
+    )
     count, failures = connection.execute(done).one()
     crashed, severities = _read_columns(connection, _select_severities(campaign))
     every = max(1, ceil(len(crashed) / most))
@@ -169,7 +173,9 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTot
 
 def sample_severities(connection: sa.Connection, campaign: int, first: int) -> SeveritySample:
     """Return the severities of the failures from an index on."""
-    failed = sa.select(sa.func.sum(_FAILED)).where(*_is_completed(campaign), episode_index >= first)
+    failed = sa.select(sa.func.sum(_FAILED)).where(
+        episodes.c.campaign == campaign, _COMPLETED, episode_index >= first
+    )
     query = _select_severities(campaign).where(episode_index >= first)
     return SeveritySample(
         failures=connection.execute(failed).scalar_one() or 0,
@@ -191,10 +197,6 @@ def _count_violations(connection: sa.Connection, campaign: int) -> tuple[Require
 
 
 NOT_JUDGED = RequirementTotals(0, 0, None)
-
-
-def _is_completed(campaign: int) -> tuple[sa.ColumnElement[bool], ...]:
-    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED
 
 
 class _Threshold(NamedTuple):
@@ -219,7 +221,7 @@ _DRAC = _Threshold(
 
 def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> MeasureTotals:
     """Sum up a measure over the completed episodes that have it; an index holds them in order."""
-    inside = (*_is_completed(campaign), of.column.is_not(None))
+    inside = (episodes.c.campaign == campaign, _COMPLETED, of.column.is_not(None))
     query = sa.select(sa.func.count(), sa.func.count().filter(of.beyond), of.worst).where(*inside)
     count, beyond, worst = connection.execute(query).one()
     if not count:
@@ -258,9 +260,6 @@ def _read_points(
         for row in rows
         if row.severity is not None
     )
-
-
-_COMPLETED = episodes.c.outcome != Outcome.ERRORED
 
 
 def sum_spending(connection: sa.Connection, campaign: int, most: int) -> SpendingTotals:
@@ -306,15 +305,12 @@ def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tup
     return sa.select(*landed).where(chosen).order_by(landed.place)
 
 
-_TRIALS_CHUNK = 10_000
-"""Number of rows that are fetched at a time."""
-
 _TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 
 
 def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
     """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
+    inside = (episodes.c.campaign == campaign, _COMPLETED)
     count = connection.execute(sa.select(sa.func.count()).where(*inside)).scalar_one()
     place = sa.func.row_number().over(order_by=episode_index).label("place")
     ranked = sa.select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
@@ -322,7 +318,7 @@ def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
         sa.select(ranked.seed, ranked.outcome)
         .where((ranked.place - 1) % max(1, ceil(count / most)) == 0)
         .order_by(ranked.place)
-        .execution_options(yield_per=_TRIALS_CHUNK)
+        .execution_options(yield_per=_CHUNK)
     )
     rows = ((seed, outcome in FAILURES) for seed, outcome in connection.execute(query))
     found = np.fromiter(rows, _TRIAL)
