@@ -248,6 +248,7 @@ def _read_noise(
     """Return the noise of some rows by channel; None for a row whose noise was pruned."""
     there = [row.index for row in rows if row.noise_pruned_ms is None]
     results = source.store.episodes.finished(source.campaign, there)
+    # Transposed once: a column of the file is one channel of all steps.
     noise = {result.index: result.noise.z.T for result in results}
     return {
         name: [noise[row.index][number] if row.index in noise else None for row in rows]

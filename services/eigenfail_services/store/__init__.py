@@ -68,8 +68,8 @@ class Store:
 def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Store:
     """Open the store at an address.
 
-    An empty database gets its tables, and one of an older release is upgraded: all of the way or
-    not at all.
+    An empty database gets its tables, and an older schema is upgraded: all of the way or not at
+    all.
 
     Args:
         url: sqlite:///folder/file.db, postgresql://user:password@host:5432/database, or memory://

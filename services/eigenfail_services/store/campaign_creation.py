@@ -37,6 +37,7 @@ def create_campaigns(
     """Create campaigns in their order, or return those that the key has created."""
     if key is None:
         return _insert_queued(connection, specs, made_by)
+    # The hash is of the whole list: a list that only begins alike is another request.
     keys, asked = [derive_key(key, place) for place in range(len(specs))], hash_specs(specs)
     if earlier := _find_made_with(connection, keys, asked):
         return earlier

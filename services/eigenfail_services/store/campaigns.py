@@ -298,6 +298,7 @@ class CampaignStore:
         """
         with self._database.writing() as connection:
             before = lock_campaign(connection, campaign)
+            # A campaign of many workers is described by each of them, mostly in the same words.
             if code in before.code:
                 return before
             after = replace(before, code=(*before.code, code))

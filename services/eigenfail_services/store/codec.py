@@ -133,6 +133,7 @@ def to_campaign(found: RowMapping) -> Campaign:
         project=msgspec.UNSET if project is None else project,
         tags=msgspec.UNSET if tags is None else _tags.decode(tags),
     )
+    # What is left in the row after these are the fields of a campaign under their own names.
     spent = [values.pop(name) for name in OVERHEAD]
     counts = Counts(**{name: values.pop(column) for column, name in COUNTS.items()})
     found_estimate = None if estimate is None else _estimates.decode(estimate)
@@ -274,6 +275,7 @@ class StructRows(Generic[Value]):
     def read(self, row: RowMapping) -> Value:
         """Return the value that a row with `columns` is."""
         values = {name: row[name] for name in self._names}
+        # NULL stays None: no parser has to know of it.
         for name, parse in self._parsers.items():
             if values.get(name) is not None:
                 values[name] = parse(values[name])

@@ -64,6 +64,7 @@ class GateStore:
 
 
 def _record_once(connection: Connection, report: GateReport) -> GateSummary:
+    # By content, not by an id of the caller: a pipeline that is run again sends the same report.
     digest = _digest_judged(report)
     query = select(*_SUMMARIES.columns).where(gates.c.digest == digest)
     if (known := _SUMMARIES.first(connection, query)) is not None:

@@ -173,6 +173,7 @@ def _delete_blobs(connection: sa.Connection, campaign: int, found: list[Any]) ->
 
 
 def _record_slice(connection: sa.Connection, begun: int, found: list[Any]) -> Pruning:
+    # With the deletion, in one transaction: noise that is missing without a record is a defect.
     c = prunings.c
     statement = sa.update(prunings).where(c.id == begun)
     change = statement.values(

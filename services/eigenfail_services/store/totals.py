@@ -410,7 +410,9 @@ _OF_CLASSES = (
 
 
 def _to_totals(
-    found: sa.Row[Any] | None, safe: records.ConflictTotals, fault: records.FrequentFault | None
+    found: sa.Row[*tuple[Any, ...]] | None,
+    safe: records.ConflictTotals,
+    fault: records.FrequentFault | None,
 ) -> records.Totals:
     if found is None:
         return records.Totals(0, 0.0, 0, None, safe, fault)
@@ -421,7 +423,7 @@ def _to_totals(
 
 def _count_by_campaign(
     connection: sa.Connection,
-    chosen: Sequence[int] | sa.Select[tuple[int]],
+    chosen: Sequence[int] | sa.Select[int],
     *where: sa.ColumnElement[bool],
 ) -> Counter[int]:
     """Count the episodes that meet all conditions by campaign."""
@@ -433,14 +435,14 @@ def _count_by_campaign(
     return Counter({row[0]: row[1] for row in connection.execute(query)})
 
 
-def _select_naming(chosen: Sequence[int]) -> sa.Select[tuple[int]]:
+def _select_naming(chosen: Sequence[int]) -> sa.Select[int]:
     """Select those of some campaigns that name requirements: others have no allowed collision."""
     return sa.select(campaigns.c.id).where(
         campaigns.c.id.in_(chosen), spec_field("requirements").is_not(None)
     )
 
 
-def select_unresolved() -> sa.Select[tuple[int, int]]:
+def select_unresolved() -> sa.Select[int, int]:
     """Select the number of unresolved episodes of each campaign that has some."""
     return (
         sa.select(episodes.c.campaign, sa.func.count().label("unresolved"))

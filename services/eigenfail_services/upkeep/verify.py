@@ -324,6 +324,7 @@ def sample(
     sizes = [(campaign, size) for campaign, size in found if campaign not in left_out]
     ends = list(accumulate(size for _, size in sizes))
     total = ends[-1] if ends else 0
+    # Spread over all campaigns by their sizes: a large campaign is sampled more often.
     places = sorted({total * k // how_many for k in range(how_many)} if total else set())
     return [
         (campaign, index)
