@@ -69,7 +69,6 @@ from eigenfail_api.settings import (
     refuse_unsafe_sign_in,
     refuse_without_keys,
 )
-from eigenfail_services.export_jobs import ExportJobs, find_export_folder
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
@@ -178,7 +177,6 @@ def create_app(
     app.state.store = store
     app.state.settings = settings
     app.state.authenticator = Authenticator(store, settings, clock)
-    app.state.exports = ExportJobs(store, find_export_folder(settings.database))
     app.state.readiness = operations.Readiness(store)
     app.state.feed = EventFeed(store, settings.poll_s)
     app.state.registry = CollectorRegistry()

@@ -25,11 +25,9 @@ IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
 MANY_IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18})*$"
 LONGEST_IDS = 20_000
 """Length of as many ids as a suite can have members. [characters]"""
-EXPORT = "^[0-9a-f]{32}$"
 FORMS = {
     IDS: "ids such as 1 or 1,2,3",
     MANY_IDS: "ids such as 1 or 1,2,3",
-    EXPORT: "the id of an export, 32 hexadecimal digits",
 }
 """Descriptions of patterns, for messages."""
 

@@ -23,7 +23,7 @@ from benchmarks.speed.volume_stages import BEGUN, LARGEST, RATE, STOP, Taken
 from benchmarks.speed.volume_store import Filled, fill, sizes_of
 
 from eigenfail.processes import NUMERIC_ENVIRONMENT
-from eigenfail_services.upkeep.maintenance import find_vacuum_program
+from eigenfail_services.store.engine import find_backend
 
 TOTAL = 1_000_000
 COMMAND = "python -m benchmarks.speed.volume"
@@ -75,7 +75,12 @@ def while_writing(name: str, place: Place) -> tuple[Taken, Taken, float]:
 
 def size(place: Place) -> int:
     """What the database takes on the disk, by its own account. [bytes]"""
-    return find_vacuum_program(place.address).size()
+    in_file = "SELECT page_count * page_size FROM pragma_page_count(), pragma_page_size()"
+    at_server = "SELECT pg_database_size(current_database())"
+    engine = find_backend(place.address).schema_engine()
+    with engine.connect() as connection:
+        asked = in_file if engine.dialect.name == "sqlite" else at_server
+        return int(connection.exec_driver_sql(asked).scalar_one())
 
 
 def figures_of(place: Place, total: int) -> Iterator[Figures]:

@@ -15,21 +15,16 @@ from pathlib import Path
 import msgspec
 from benchmarks.speed.volume_store import GROUP, delivery, results
 
+from eigenfail import filters
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.export import ExportRequest
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.export_formats import (
-    ExportSource,
-    make_export_source,
-    write_csv,
-    write_parquet,
-)
+from eigenfail_services.export_formats import ExportSource, Selection, write_csv, write_parquet
 from eigenfail_services.store import Store, open_store
-from eigenfail_services.upkeep.backup import backup, restore
-from eigenfail_services.upkeep.maintenance import PruneSelection, prune, rehearse, vacuum
+from eigenfail_services.upkeep.backup import backup, restore, vacuum
+from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
 from eigenfail_services.upkeep.verify import verify
 
 LARGEST = 1
@@ -67,16 +62,17 @@ def analysed(address: str, _folder: Path) -> float:
     return len(found.result.episodes)
 
 
-def source(store: Store, *, noise: bool) -> ExportSource:
+def source(store: Store) -> ExportSource:
     """All episodes of the largest campaign."""
-    return make_export_source(store, LARGEST, ExportRequest(noise=noise))
+    columns = filters.list_columns(store.campaigns.get(LARGEST).spec)
+    return ExportSource(store, LARGEST, Selection((), filters.BY_INDEX, columns))
 
 
 def as_csv(address: str, folder: Path) -> float:
     """All rows of the largest campaign; bytes of the file."""
     file = folder / "episodes.csv"
     with closing(open_store(address)) as store, file.open("wb") as out:
-        out.writelines(write_csv(source(store, noise=False)))
+        out.writelines(write_csv(source(store)))
     return size_of(file)
 
 
@@ -92,8 +88,8 @@ def with_noise(address: str, folder: Path) -> float:
 
 def parquet(address: str, file: Path, *, noise: bool) -> float:
     """A file of all rows; its bytes."""
-    with closing(open_store(address)) as store:
-        write_parquet(file, source(store, noise=noise), lambda _rows: None, noise=noise)
+    with closing(open_store(address)) as store, file.open("wb") as out:
+        out.writelines(write_parquet(source(store), noise=noise))
     return size_of(file)
 
 

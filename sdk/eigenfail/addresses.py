@@ -46,11 +46,6 @@ FORM = "Write sqlite:///folder/file.db; memory:// keeps everything in this proce
 _SQLITE = re.compile(r"sqlite(\+pysqlite)?://(?P<host>[^/]*)(/(?P<path>.*))?", re.DOTALL)
 
 
-def is_sqlite_url(url: str) -> bool:
-    """Whether a URL names a SQLite database."""
-    return _SQLITE.fullmatch(url) is not None
-
-
 def sqlite_url(path: Path) -> str:
     """The URL of the SQLite database in a file."""
     return f"sqlite:///{quote(os.fsencode(path))}"

@@ -1,15 +1,15 @@
 """Episodes of a campaign as NDJSON, CSV and Parquet.
 
-Text is made while it is read. A Parquet file says in its metadata where its episodes come from.
+All of them are made while they are sent. A Parquet file says in its metadata where its episodes
+come from.
 """
 
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from hashlib import sha256
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -17,7 +17,6 @@ import msgspec
 from eigenfail import __version__, filters
 from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import PORTION, EpisodeRow
 from eigenfail.worlds import list_channels
 from eigenfail_services.store import Store
@@ -42,22 +41,6 @@ class ExportSource(NamedTuple):
     store: Store
     campaign: int
     wanted: Selection
-
-
-def make_export_source(store: Store, campaign: int, request: ExportRequest) -> ExportSource:
-    """Return the episodes of a campaign that a request selects.
-
-    Raises:
-        NotFound: the campaign does not exist.
-        UnknownName: a column or a value that does not exist.
-        InvalidValue: anything else that is wrong with the request.
-    """
-    spec = store.campaigns.get(campaign).spec
-    columns = filters.parse_fields(request.fields) or filters.list_columns(spec)
-    wanted = Selection(
-        filters.parse_filter(request.filter), filters.parse_sort(request.sort), columns
-    )
-    return ExportSource(store, campaign, wanted)
 
 
 def _describe(columns: tuple[str, ...]) -> list[filters.Column]:
@@ -191,15 +174,11 @@ def require_pyarrow() -> None:
         )
 
 
-def write_parquet(
-    path: Path, source: ExportSource, on_progress: Callable[[int], None], *, noise: bool
-) -> None:
-    """Write a file.
+def write_parquet(source: ExportSource, *, noise: bool) -> Iterator[bytes]:
+    """Yield a Parquet file, a row group at a time.
 
     Args:
-        path: where to.
         source: the episodes, and which columns of them.
-        on_progress: called with the number of rows written so far.
         noise: whether their z comes along.
 
     Raises:
@@ -212,16 +191,20 @@ def write_parquet(
     columns, spec = source.wanted.columns, source.store.campaigns.get(source.campaign).spec
     channels = name_noise_columns(spec) if noise else ()
     schema = _make_schema(columns, channels, _describe_origin(source, spec, channels))
-    done = 0
+    # A Parquet file is written from its beginning to its end, and what describes it comes last: so
+    # it can be sent while it is written, and no copy of it is kept here.
+    written = io.BytesIO()
     with ParquetWriter(
-        path, schema, compression="zstd", **_choose_encodings(columns, channels)
+        written, schema, compression="zstd", **_choose_encodings(columns, channels)
     ) as writer:
         for rows in read_batches(source):
             filled = {name: [filters.read_value(row, name) for row in rows] for name in columns}
             filled |= _read_noise(source, rows, channels) if channels else {}
             writer.write_table(table(filled, schema=schema))
-            done += len(rows)
-            on_progress(done)
+            yield written.getvalue()
+            written.seek(0)
+            written.truncate()
+    yield written.getvalue()
 
 
 def _choose_encodings(columns: tuple[str, ...], noise: tuple[str, ...]) -> dict[str, list[str]]:
@@ -265,6 +248,7 @@ def _read_noise(
     """Return the noise of some rows by channel; None for a row whose noise was pruned."""
     there = [row.index for row in rows if row.noise_pruned_ms is None]
     results = source.store.episodes.finished(source.campaign, there)
+    # Transposed once: a column of the file is one channel of all steps.
     noise = {result.index: result.noise.z.T for result in results}
     return {
         name: [noise[row.index][number] if row.index in noise else None for row in rows]

@@ -1,32 +1,22 @@
-"""Episodes as files over HTTP: text as it is read, Parquet once it is made."""
+"""Episodes as files over HTTP, made while they are sent."""
 
 import csv
 import hashlib
 import io
 import json
-import threading
-import time
 
 import msgspec
 import pytest
 from msgspec.structs import replace
-from starlette.testclient import TestClient
 from store_checks.examples import deliver, name_channels, result_of, running
 
 import eigenfail
-from eigenfail.filters import COLUMNS
+from eigenfail.filters import BY_INDEX, COLUMNS
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Delivery
-from eigenfail_api.app import create_app
-from eigenfail_api.settings import ApiSettings
 from eigenfail_services import export_formats
 
 URL = "/api/v1/campaigns"
-
-
-@pytest.fixture
-def app(store, tmp_path):
-    return create_app(store, ApiSettings(database=f"sqlite:///{tmp_path}/eigenfail.db"))
 
 
 @pytest.fixture
@@ -90,41 +80,26 @@ def test_nothing_is_a_file_without_lines(http, filled):
     assert http.get(f"{URL}/{filled}/episodes.ndjson", params=nothing).text == ""
 
 
-@pytest.mark.parametrize("form", ["csv", "ndjson"])
+@pytest.mark.parametrize("form", ["csv", "ndjson", "parquet"])
 def test_what_cannot_be_streamed_is_a_problem_not_half_a_file(http, campaign, problem, form):
     wrong = {"filter": "severity >"}
     problem(http.get(f"{URL}/{campaign}/episodes.{form}", params=wrong), 422)
     problem(http.get(f"{URL}/99/episodes.{form}"), 404)
 
 
-def ready(http, address):
-    """The export once nobody works on it any more."""
-    for _ in range(1_000):
-        told = http.get(address).json()
-        if told["state"] != "running":
-            return told
-        time.sleep(0.01)
-    raise AssertionError(told)
-
-
-def columns_of(http, address):
+def parquet_of(http, campaign, **asked):
     import pyarrow.parquet
 
-    response = http.get(f"{address}/file")
+    response = http.get(f"{URL}/{campaign}/episodes.parquet", params=asked)
     assert response.status_code == 200, response.text
     assert response.headers["content-type"] == "application/vnd.apache.parquet"
+    assert f"campaign-{campaign}.parquet" in response.headers["content-disposition"]
     return pyarrow.parquet.ParquetFile(io.BytesIO(response.content))
 
 
-def test_parquet_is_made_and_fetched(http, filled, result):
-    body = {"filter": "outcome = collision", "sort": "-index", "noise": True}
-    asked = http.post(f"{URL}/{filled}/exports", json=body)
-    assert asked.status_code == 202
-    address = asked.headers["location"]
-    told = ready(http, address)
-    assert (told["state"], told["rows"], told["campaign"]) == ("done", 3, filled)
-    file = columns_of(http, address)
-    assert told["size_bytes"] > 0
+def test_parquet_has_types_noise_and_packed_columns(http, filled, result):
+    asked = {"filter": "outcome = collision", "sort": "-index", "noise": True}
+    file = parquet_of(http, filled, **asked)
     rows = file.read().to_pylist()
     assert [row["index"] for row in rows] == [3, 2, 1]
     assert list(rows[0]) == [*COLUMNS, "longitudinal_z", "lateral_z"]
@@ -138,14 +113,23 @@ def test_parquet_is_made_and_fetched(http, filled, result):
         assert "BYTE_STREAM_SPLIT" in packed[name].encodings
 
 
+def test_parquet_is_sent_while_it_is_written(http, store, filled, monkeypatch):
+    monkeypatch.setattr(export_formats, "PORTION", 2)
+    file = parquet_of(http, filled, sort="severity")
+    assert file.num_row_groups == 3
+    assert [row["index"] for row in file.read().to_pylist()] == [1, 2, 3, 0, 4, 5]
+    wanted = export_formats.Selection((), BY_INDEX, ("index",))
+    source = export_formats.ExportSource(store, filled, wanted)
+    parts = list(export_formats.write_parquet(source, noise=False))
+    assert len(parts) == 4
+    assert all(parts)
+
+
 @pytest.mark.parametrize("channels", [1, 3, 5])
 def test_parquet_holds_the_noise_of_each_channel(http, store, channels):
     campaign = running(store, **name_channels(channels))
     deliver(store, campaign, *(result_of(channels, index) for index in range(2)))
-    body = {"fields": ["index"], "noise": True}
-    address = http.post(f"{URL}/{campaign.id}/exports", json=body).headers["location"]
-    ready(http, address)
-    file = columns_of(http, address)
+    file = parquet_of(http, campaign.id, fields="index", noise=True)
     names = [f"c{number}_z" for number in range(channels)]
     for row in file.read().to_pylist():
         z = result_of(channels, row.pop("index")).noise.z
@@ -157,10 +141,8 @@ def test_parquet_holds_the_noise_of_each_channel(http, store, channels):
 def test_a_parquet_file_says_where_it_comes_from(http, store, filled, tmp_path):
     import pandas as pd
 
-    body = {"fields": ["index", "severity", "min_ttc_s"], "noise": True}
-    address = http.post(f"{URL}/{filled}/exports", json=body).headers["location"]
-    ready(http, address)
-    schema = columns_of(http, address).schema_arrow
+    asked = {"fields": "index,severity,min_ttc_s", "noise": True}
+    schema = parquet_of(http, filled, **asked).schema_arrow
     origin = json.loads(schema.metadata[b"eigenfail"])
     sorted_json = msgspec.json.encode(store.campaigns.get(filled).spec, order="sorted")
     assert origin == {
@@ -176,72 +158,18 @@ def test_a_parquet_file_says_where_it_comes_from(http, store, filled, tmp_path):
     }
     assert schema.field("min_ttc_s").metadata == {b"words": b"smallest time to collision [s]"}
     path = tmp_path / "fetched.parquet"
-    path.write_bytes(http.get(f"{address}/file").content)
+    path.write_bytes(http.get(f"{URL}/{filled}/episodes.parquet", params=asked).content)
     assert pd.read_parquet(path).attrs == origin
 
 
 def test_parquet_of_nothing_has_its_columns(http, filled):
-    body = {"filter": "severity < 0", "fields": ["index", "severity", "has_scene"]}
-    address = http.post(f"{URL}/{filled}/exports", json=body).headers["location"]
-    assert ready(http, address)["rows"] == 0
-    assert columns_of(http, address).schema_arrow.names == body["fields"]
+    file = parquet_of(http, filled, filter="severity < 0", fields="index,severity,has_scene")
+    assert file.metadata.num_rows == 0
+    assert file.schema_arrow.names == ["index", "severity", "has_scene"]
 
 
-def test_an_export_that_was_killed_is_begun_anew(http, app, store, filled, tmp_path):
-    address = http.post(f"{URL}/{filled}/exports", json={}).headers["location"]
-    ready(http, address)
-    # A process that dies leaves a part of a file, and nothing that could be taken for the whole.
-    (home,) = (tmp_path / "exports").iterdir()
-    (home / "episodes.parquet").rename(home / "episodes.parquet.1.part")
-    settings = ApiSettings(database=f"sqlite:///{tmp_path}/eigenfail.db")
-    with TestClient(create_app(store, settings), base_url="http://127.0.0.1:8440") as restarted:
-        assert ready(restarted, address)["state"] == "done"
-        assert columns_of(restarted, address).metadata.num_rows == 6
-
-
-def test_an_export_that_fails_says_why(http, filled, monkeypatch, problem):
-    def refuse(*_, **__):
-        raise OSError("no room")
-
-    monkeypatch.setattr("eigenfail_services.export_formats.write_parquet", refuse)
-    address = http.post(f"{URL}/{filled}/exports", json={}).headers["location"]
-    told = ready(http, address)
-    assert (told["state"], told["problem"]) == ("failed", "OSError: no room")
-    assert "no room" in problem(http.get(f"{address}/file"), 409)["detail"]
-
-
-def test_the_last_exports_are_kept(http, campaign, monkeypatch, problem):
-    monkeypatch.setattr("eigenfail_services.export_jobs.MAX_EXPORTS", 2)
-    addresses = []
-    for _ in range(3):
-        addresses.append(http.post(f"{URL}/{campaign}/exports", json={}).headers["location"])
-        ready(http, addresses[-1])
-        time.sleep(0.02)
-    problem(http.get(addresses[0]), 404)
-    assert [http.get(address).status_code for address in addresses[1:]] == [200, 200]
-
-
-def test_more_exports_than_are_kept_are_not_begun(http, filled, monkeypatch, problem):
-    gate = threading.Event()
-    monkeypatch.setattr("eigenfail_services.export_jobs.MAX_EXPORTS", 2)
-    wait = "eigenfail_services.export_formats.write_parquet"
-    monkeypatch.setattr(wait, lambda path, *_, **__: gate.wait() and path.touch())
-    at_work = threading.active_count()
-    for _ in range(2):
-        http.post(f"{URL}/{filled}/exports", json={}).raise_for_status()
-    told = problem(http.post(f"{URL}/{filled}/exports", json={}), 503)
-    assert "2 exports are at work" in told["detail"]
-    assert threading.active_count() <= at_work + 2
-    gate.set()
-
-
-def test_what_cannot_be_exported_is_refused_at_once(http, campaign, problem, monkeypatch):
-    problem(http.post(f"{URL}/{campaign}/exports", json={"filter": "severity"}), 422)
-    problem(http.post(f"{URL}/{campaign}/exports", json={"sort": "outcome"}), 422)
-    problem(http.post(f"{URL}/{campaign}/exports", json={"fields": ["sevrity"]}), 422)
-    problem(http.post(f"{URL}/99/exports", json={}), 404)
-    problem(http.get(f"/api/v1/exports/{'0' * 32}"), 404)
-    problem(http.get("/api/v1/exports/..%2f"), 404)
+def test_parquet_needs_its_library(http, campaign, problem, monkeypatch):
+    problem(http.get(f"{URL}/{campaign}/episodes.parquet", params={"fields": "sevrity"}), 422)
     monkeypatch.setattr(export_formats, "find_spec", lambda _: None)
-    told = problem(http.post(f"{URL}/{campaign}/exports", json={}), 422)
+    told = problem(http.get(f"{URL}/{campaign}/episodes.parquet"), 422)
     assert ".[export]" in told["remedy"]

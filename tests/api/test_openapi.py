@@ -172,7 +172,6 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/campaigns/check",
         "/api/v1/campaigns/{campaign}/clone",
         "/api/v1/campaigns/{campaign}/priority",
-        "/api/v1/campaigns/{campaign}/exports",
         "/api/v1/campaigns/{campaign}/analyses",
         "/api/v1/campaigns/{campaign}/episodes/{index}/replay",
         "/api/v1/campaigns/{campaign}/episodes/{index}/shrink",

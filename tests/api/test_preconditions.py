@@ -66,7 +66,7 @@ def test_missing_thing_stays_a_404_whatever_the_precondition(http, problem):
 
 def test_of_conditional_changes_at_once_one_is_made(store):
     analysis = analysed(store, crashed(store), analysis_result())
-    seen = store.triage.get(analysis, 1)
+    seen = store.analyses.get_triage(analysis, 1)
 
     def refuse_newer(found):
         if found != seen:
@@ -77,7 +77,7 @@ def test_of_conditional_changes_at_once_one_is_made(store):
 
         try:
             change = TriageChange(note=f"of user {number}")
-            store.triage.change(analysis, 1, change, "key", refuse_newer)
+            store.analyses.change_triage(analysis, 1, change, "key", refuse_newer)
         except PreconditionFailed:
             return 0
         return 1

@@ -21,9 +21,9 @@ def test_a_mode_is_triaged(visit, made, with_scripts):
 
 def test_a_ticket_that_is_no_address_is_not_sent(visit, made, store):
     page = visit(f"/analyses/{made.snapshot}/modes/2")
-    before = store.triage.get(made.snapshot, 2)
+    before = store.analyses.get_triage(made.snapshot, 2)
     form = page.locator("#triage")
     form.get_by_label("Ticket").fill("tickets/7")
     form.get_by_role("button", name="Save").click()
     expect(form.locator("input:invalid")).to_have_count(1)
-    assert store.triage.get(made.snapshot, 2) == before
+    assert store.analyses.get_triage(made.snapshot, 2) == before

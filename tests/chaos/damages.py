@@ -118,8 +118,8 @@ DAMAGES: dict[str, Damage] = {
         "P5: checkpoint 1 of campaign 2 is not what was saved.",
     ),
     "checkpoints without an end": Damage(
-        "INSERT INTO checkpoints (campaign, number, saved_ms, state) "
-        "SELECT campaign, number + k, saved_ms, state "
+        "INSERT INTO checkpoints (campaign, number, saved_ms, state, sha256) "
+        "SELECT campaign, number + k, saved_ms, state, sha256 "
         "FROM checkpoints, (SELECT 1 AS k UNION SELECT 2)",
         "P8: campaign 2 keeps 3 checkpoints.",
     ),

@@ -1,6 +1,7 @@
 """What the reader tells: nothing of a sound database, and each kind of damage by its name."""
 
 import contextlib
+import hashlib
 import sqlite3
 import subprocess
 import sys
@@ -122,7 +123,8 @@ def test_every_damage_is_told(damage: Callable[[str], str], script: str, said: s
 def test_a_learner_that_was_bent_is_told(sound: Path, damage: Callable[[str], str]) -> None:
     learner = archive.write("toy", Facts(), {"weights": np.ones(3, np.float32)})
     bent = checkpoint(HALF, 10, learner=learner[:-1] + b"\x00")
-    url = damage(f"UPDATE checkpoints SET sha256 = NULL, state = x'{bent.hex()}'")
+    kept = hashlib.sha256(bent).hexdigest()
+    url = damage(f"UPDATE checkpoints SET sha256 = '{kept}', state = x'{bent.hex()}'")
     (said,) = reader.read(url).complaints
     assert said == "P5: checkpoint 1 of campaign 2 holds a learner whose SHA-256 does not match."
 

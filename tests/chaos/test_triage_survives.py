@@ -77,7 +77,7 @@ def test_answered_triage_outlives_the_controller(stage: Stage) -> None:
         for clerk in clerks:
             clerk.join()
         answers += sum(clerk.answered - first for clerk, first in zip(clerks, kept, strict=True))
-        kept = [number_of(store.triage.get(analysis, mode)) for mode in MODES]
+        kept = [number_of(store.analyses.get_triage(analysis, mode)) for mode in MODES]
         for clerk, number in zip(clerks, kept, strict=True):
             # The last change may have been kept, and its answer lost.
             assert number - clerk.answered in {0, 1}

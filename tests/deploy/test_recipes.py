@@ -17,21 +17,11 @@ from eigenfail_api.__main__ import read_settings
 from eigenfail_api.app import create_app
 from eigenfail_services import __main__ as program
 from eigenfail_services.access import make_key
-from eigenfail_services.export_jobs import MAX_EXPORTS, find_export_folder
 from eigenfail_services.hub import transport
 from eigenfail_services.store import open_store
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 BIN = Path(sys.executable).parent
-TOO_LARGE = """
-import resource, sys
-import pyarrow as pa, pyarrow.parquet as pq
-resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
-try:
-    pq.write_table(pa.table({"a": range(100_000)}), sys.argv[1])
-except OSError as error:
-    print(error)
-"""
 PROGRAMS = {"eigenfail", "eigenfail_api", "eigenfail_services", "eigenfail_workers"}
 
 
@@ -159,7 +149,7 @@ ANOTHER = {"name": "mine", "scope": "admin"}
 def controller(services, monkeypatch):
     """The controller with the variables of the compose file, on a store in memory; its store."""
     for name, value in services["controller"]["environment"].items():
-        if name not in {"EIGENFAIL_DATABASE", "PGPASSWORD", "TMPDIR"}:
+        if name not in {"EIGENFAIL_DATABASE", "PGPASSWORD"}:
             monkeypatch.setenv(name, value)
     store = open_store("memory://")
     yield store, read_settings(services["controller"]["command"][1:])
@@ -210,23 +200,7 @@ def test_nobody_holds_more_of_the_keys_than_it_needs(services):
     assert holders["ray-token"] == {"ray-token": False} | nodes
     made = (DEPLOY / "Dockerfile").read_text()
     folders = "/var/lib/eigenfail-hub /var/lib/eigenfail-worker /var/lib/eigenfail-ray"
-    assert f"--mode=0700 \\\n        {folders} \\\n        /var/lib/eigenfail-admin \\\n" in made
-
-
-def test_exports_are_on_a_bounded_volume_and_not_in_memory(monkeypatch, services):
-    controller = services["controller"]
-    home = controller["environment"]["TMPDIR"]
-    assert controller["volumes"] == [f"exports:{home}"]
-    assert f"--mode=0700 {home}\n" in (DEPLOY / "Dockerfile").read_text()
-    monkeypatch.setattr("tempfile.tempdir", home)
-    assert find_export_folder(controller["environment"]["EIGENFAIL_DATABASE"]).parent == Path(home)
-    assert controller["ulimits"]["fsize"] * MAX_EXPORTS == 40 * 2**30
-
-
-def test_a_file_beyond_the_limit_fails_with_words_and_ends_no_process(tmp_path):
-    done = lint(sys.executable, "-c", TOO_LARGE, tmp_path / "a.parquet")
-    assert done.returncode == 0, done.stderr
-    assert "File too large" in done.stdout
+    assert f"--mode=0700 \\\n        {folders} \\\n        /var/lib/eigenfail-admin\n" in made
 
 
 def test_memory_for_temporary_files_is_bounded(ours):

@@ -14,14 +14,11 @@ from eigenfail.filters import parse_fields, parse_filter, parse_sort
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
-from eigenfail.values.export import ExportRequest
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
-from eigenfail.wire.http import read_body
 from eigenfail_api.app import create_app
 from eigenfail_api.routes import episodes, recordings
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.export_jobs import MAX_EXPORTS
 from eigenfail_services.store import open_store
 from eigenfail_services.store.listing import INDEXED
 
@@ -62,10 +59,9 @@ def test_its_filters_are_read_and_its_refusal_is_the_one_that_comes(page):
     assert str(refused.value).startswith(refusal.strip())
 
 
-def test_what_it_says_of_indices_and_files_is_so(page):
+def test_what_it_says_of_indices_is_so(page):
     sentence = page.split("The database keeps")[1].split("sorted")[0]
     assert set(re.findall(r"`(\w+)`", sentence)) == INDEXED | {"index"}
-    assert f"keeps at most {MAX_EXPORTS} exports" in " ".join(page.split())
 
 
 def test_its_addresses_are_routes(page):
@@ -75,13 +71,6 @@ def test_its_addresses_are_routes(page):
     # Other pages describe a single episode, its explanation and its replay.
     elsewhere = ("/{index}", "/explanation", "/replay", "/steps")
     assert set(told) == {each for each in routes if not each[1].endswith(elsewhere)}
-
-
-def test_its_body_is_an_export(page):
-    (body,) = blocks(page, "json")
-    request = read_body(body.encode(), ExportRequest)
-    assert parse_filter(request.filter)
-    assert parse_sort(request.sort)
 
 
 def test_its_python_runs(page, tmp_path, monkeypatch, capsys):

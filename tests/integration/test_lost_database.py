@@ -94,8 +94,8 @@ def test_a_service_whose_database_is_moved_waits_until_it_is_back(folder, tmp_pa
             asked(service, "GET", f"/campaigns/{campaign}", headers={"Accept": "text/html"}),
         ):
             assert (answer.status_code, answer.headers["Retry-After"]) == (503, "1")
-            assert "was moved or deleted" in answer.text
-            assert "Move it back" in answer.text
+            assert "was moved, deleted or replaced" in answer.text
+            assert "Put it back" in answer.text
             assert took_s < 5.0
         time.sleep(2.0)
         assert not file.exists()
@@ -144,7 +144,7 @@ def open_umask() -> Iterator[None]:
 @pytest.mark.fault(
     "umask 000",
     group="storage",
-    outcome="The data folder and every file in it, backups, keys, logs and exports among them, "
+    outcome="The data folder and every file in it, backups, keys and logs among them, "
     "are for their owner alone.",
 )
 def test_all_that_a_service_leaves_is_for_its_owner_alone(tmp_path, open_umask) -> None:
@@ -160,5 +160,5 @@ def test_all_that_a_service_leaves_is_for_its_owner_alone(tmp_path, open_umask) 
         walked = [folder.path.parent, folder.path, *folder.path.rglob("*")]
         modes = {path: path.stat().st_mode & 0o777 for path in walked}
     names = {path.name for path in modes}
-    assert {"eigenfail.db-wal", "services.log", "service.json", "exports", "hub-keys"} <= names
+    assert {"eigenfail.db-wal", "services.log", "service.json", "hub-keys"} <= names
     assert {path: oct(mode) for path, mode in modes.items() if mode & 0o077} == {}

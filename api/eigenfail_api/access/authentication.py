@@ -48,7 +48,6 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/restore",
         f"POST {PREFIX}/campaigns/{{campaign}}/priority",
         f"POST {PREFIX}/campaigns/{{campaign}}/analyses",
-        f"POST {PREFIX}/campaigns/{{campaign}}/exports",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/replay",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/shrink",
         f"POST {PREFIX}/analyses/{{analysis}}/proof",

@@ -18,7 +18,6 @@ from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import Course, CourseBlock, EpisodeSample
-from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import Store
 
@@ -366,9 +365,6 @@ MOST_FAILURES = 8
 """Sigma follows the course of an episode, which differs little between failures."""
 
 
-MOST_CAMPAIGNS = 500
-
-
 class PriorReference(msgspec.Struct, frozen=True):
     """log p per step that other noise has over the steps of some failures, at their sigma.
 
@@ -383,15 +379,14 @@ class PriorReference(msgspec.Struct, frozen=True):
     failures: int
 
 
-# An open page asks again and again for the same failures, whose noise never changes.
-KNOWN: StoreCache[PriorReference | None] = StoreCache(MOST_CAMPAIGNS)
-
-
 def find_reference(store: Store, campaign: int, failures: Iterable[int]) -> PriorReference | None:
     """Return the reference over the steps of failures; None without any, or if pruned."""
     indices = tuple(failures)
     try:
-        return KNOWN.get(store, campaign, indices, lambda: read_reference(store, campaign, indices))
+        # An open page asks again and again for the same failures, whose noise never changes.
+        return store.answers.get(
+            ("reference", campaign), indices, lambda: read_reference(store, campaign, indices)
+        )
     except NoisePruned:
         return None
 

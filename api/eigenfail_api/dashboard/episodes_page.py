@@ -1,6 +1,5 @@
 """The page on which episodes are searched and sorted, and the rows of its list."""
 
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Annotated
@@ -284,7 +283,6 @@ def make_found_view(
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
     return make_blank_view(campaign, asked) | {
         "title": make_title(page, asked),
-        "command": format_export_command(here, asked),
         "exports": list_exports(here, asked),
         "headings": make_headings(
             campaign.spec, partial(make_address, here, conditions), asked.sort
@@ -338,16 +336,7 @@ def list_exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str],
     """Return links to the same episodes as files."""
     query = urlencode({"filter": asked.filter, "sort": str(asked.sort)})
     path = f"{PREFIX}/campaigns/{campaign}/episodes"
-    return tuple((word, f"{path}.{word.lower()}?{query}") for word in ("CSV", "NDJSON"))
-
-
-def format_export_command(campaign: int, asked: EpisodeRequest) -> str:
-    """Return the command that writes the same episodes as Parquet."""
-    words = ["eigenfail", "episode", "export", str(campaign), "-o", "episodes.parquet"]
-    # The command is to be copied: it names only what differs from its defaults.
-    words += ["--filter", asked.filter] if asked.filter else []
-    words += ["--sort", str(asked.sort)] if asked.sort != filters.BY_INDEX else []
-    return shlex.join(words)
+    return tuple((word, f"{path}.{word.lower()}?{query}") for word in ("CSV", "NDJSON", "Parquet"))
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

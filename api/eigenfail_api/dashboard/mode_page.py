@@ -75,7 +75,7 @@ def make_mode_view(
         else "",
         "newer": None if newest == analysis.id else newest,
         "has_animation": world.has_road and ANIMATION in list_formats(),
-        "triage": store.triage.get(analysis.id, mode.number),
+        "triage": store.analyses.get_triage(analysis.id, mode.number),
         "triage_states": tuple(TriageState),
         "longest_ticket": LONGEST_TICKET,
         "longest_note": LONGEST_NOTE,
@@ -214,5 +214,5 @@ def triage_mode(
                 "Open the page again, and change what it shows now.",
             )
 
-    store.triage.change(analysis, mode, read_change(form), who, refuse_newer)
+    store.analyses.change_triage(analysis, mode, read_change(form), who, refuse_newer)
     return RedirectResponse(f"/analyses/{analysis}/modes/{mode}#triage", SEE_OTHER)

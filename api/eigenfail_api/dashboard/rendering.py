@@ -277,7 +277,7 @@ UNRESOLVED_BADGE = Badge("unresolved", "◐", "waiting")
 """Badge of an episode that ended when braking could no longer avoid a collision."""
 
 
-def make_outcome_badge(outcome: Outcome, *, is_unresolved: bool | None) -> Badge:
+def make_outcome_badge(outcome: Outcome, *, is_unresolved: bool) -> Badge:
     """Return the badge of how an episode ended."""
     if outcome is Outcome.SAFE and is_unresolved:
         return UNRESOLVED_BADGE
@@ -329,11 +329,9 @@ def make_failure_tile(summary: Summary) -> Tile:
 
 def mark_of(summary: Summary) -> tuple[str, str]:
     """Return the numbers of errored and unresolved episodes, and the label of the first kind."""
-    unresolved = summary.unresolved
     counts = (
         (summary.errored.count, "errored", "Errored"),
-        (unresolved.count, "unresolved", "Unresolved"),
-        (unresolved.not_known, "perhaps unresolved", "Unresolved"),
+        (summary.unresolved.count, "unresolved", "Unresolved"),
     )
     found = [(f"{figures.format_count(n)} {words}", label) for n, words, label in counts if n]
     return ", ".join(words for words, _ in found), found[0][1] if found else ""

@@ -1,16 +1,15 @@
 """Routes of episodes: lists, single results, explanations, replays and exports as files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
-from fastapi.responses import FileResponse, StreamingResponse
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.responses import StreamingResponse
 
 from eigenfail import filters
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.episode import Outcome
-from eigenfail.values.export import Export, ExportRequest
 from eigenfail.values.operations import Presence
 from eigenfail.values.proof import Explanation
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page, make_episode_detail
@@ -22,7 +21,6 @@ from eigenfail_api.openapi import document_route, problem_response
 from eigenfail_services import export_formats
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
 from eigenfail_services.campaigns.summary import find_worker
-from eigenfail_services.export_jobs import ExportJobs
 from eigenfail_services.store import Store
 
 router = APIRouter(prefix=PREFIX, tags=["episodes"])
@@ -184,82 +182,58 @@ def get_steps(
     return Response(text, media_type=STEPS_CSV, headers={"Content-Disposition": name})
 
 
-CSV, NDJSON = "text/csv", "application/x-ndjson"
-PARQUET = "application/vnd.apache.parquet"
+CSV, NDJSON, PARQUET = "text/csv", "application/x-ndjson", "application/vnd.apache.parquet"
 
-ExportId = Annotated[str, Path(pattern=parameters.EXPORT, description="Id of an export.")]
-Lines = Callable[[export_formats.ExportSource], Iterator[bytes]]
+WithNoise = Annotated[
+    bool,
+    Query(alias="noise", description="Whether each episode's z comes along, a column a channel."),
+]
 
 
 def _document_file(kind: str) -> dict[str, Any]:
     content = {kind: {"schema": {"type": "string", "format": "binary"}}}
-    return {"responses": {200: {"content": content}, "default": problem_response()}}
+    return {
+        "response_class": StreamingResponse,
+        "responses": {200: {"content": content}, "default": problem_response()},
+    }
 
 
-async def exports_of(request: Request) -> ExportJobs:
-    """Return the jobs that write export files."""
-    jobs: ExportJobs = request.app.state.exports
-    return jobs
-
-
-Jobs = Annotated[ExportJobs, Depends(exports_of)]
-
-
-@router.get(
-    "/campaigns/{campaign}/episodes.csv", response_class=StreamingResponse, **_document_file(CSV)
-)
-def stream_csv(
+def make_source(
     store: parameters.Stored, campaign: parameters.CampaignId, query: QueriedEpisodes
-) -> StreamingResponse:
+) -> export_formats.ExportSource:
+    """Return the episodes of a campaign that a request selects."""
+    # This raises before the stream begins: after its first byte a stream cannot become an error.
+    spec = store.campaigns.get(campaign).spec
+    columns = query.columns or filters.list_columns(spec)
+    selection = export_formats.Selection(query.where, query.sort, columns)
+    return export_formats.ExportSource(store, campaign, selection)
+
+
+Source = Annotated[export_formats.ExportSource, Depends(make_source)]
+
+
+@router.get("/campaigns/{campaign}/episodes.csv", **_document_file(CSV))
+def stream_csv(source: Source) -> StreamingResponse:
     """Get finished episodes as CSV; text that a spreadsheet would compute begins with a '."""
-    return _stream(store, campaign, query, export_formats.write_csv, CSV)
+    return _stream(source, export_formats.write_csv(source), CSV, "csv")
 
 
-@router.get(
-    "/campaigns/{campaign}/episodes.ndjson",
-    response_class=StreamingResponse,
-    **_document_file(NDJSON),
-)
-def stream_ndjson(
-    store: parameters.Stored, campaign: parameters.CampaignId, query: QueriedEpisodes
-) -> StreamingResponse:
+@router.get("/campaigns/{campaign}/episodes.ndjson", **_document_file(NDJSON))
+def stream_ndjson(source: Source) -> StreamingResponse:
     """Get finished episodes, one JSON object per line."""
-    return _stream(store, campaign, query, export_formats.write_ndjson, NDJSON)
+    return _stream(source, export_formats.write_ndjson(source), NDJSON, "ndjson")
+
+
+@router.get("/campaigns/{campaign}/episodes.parquet", **_document_file(PARQUET))
+def stream_parquet(source: Source, with_noise: WithNoise = False) -> StreamingResponse:
+    """Get finished episodes as Parquet, with their noise if asked."""
+    export_formats.require_pyarrow()
+    content = export_formats.write_parquet(source, noise=with_noise)
+    return _stream(source, content, PARQUET, "parquet")
 
 
 def _stream(
-    store: Store, campaign: int, query: EpisodeQuery, lines: Lines, kind: str
+    source: export_formats.ExportSource, content: Iterator[bytes], kind: str, suffix: str
 ) -> StreamingResponse:
-    # This raises before the stream begins: after its first byte a stream cannot become an error.
-    spec = store.campaigns.get(campaign).spec
-    selection = export_formats.Selection(
-        query.where, query.sort, query.columns or filters.list_columns(spec)
-    )
-    source = export_formats.ExportSource(store, campaign, selection)
-    suffix = {CSV: "csv", NDJSON: "ndjson"}[kind]
-    named = {"Content-Disposition": f'attachment; filename="campaign-{campaign}.{suffix}"'}
-    return StreamingResponse(lines(source), media_type=kind, headers=named)
-
-
-@router.post("/campaigns/{campaign}/exports", **document_route(Export, 202, body=ExportRequest))
-def create_export(
-    jobs: Jobs,
-    campaign: parameters.CampaignId,
-    request: Annotated[ExportRequest, Depends(parameters.body_of(ExportRequest))],
-) -> parameters.Json:
-    """Start an export of finished episodes to a Parquet file."""
-    export = jobs.create(campaign, request)
-    return parameters.Json(export, 202, {"Location": f"{PREFIX}/exports/{export.id}"})
-
-
-@router.get("/exports/{export}", **document_route(Export))
-def get_export(jobs: Jobs, export: ExportId) -> parameters.Json:
-    """Get the progress of an export; one that a stopped service left unfinished starts again."""
-    return parameters.Json(jobs.get(export))
-
-
-@router.get("/exports/{export}/file", response_class=FileResponse, **_document_file(PARQUET))
-def get_export_file(jobs: Jobs, export: ExportId) -> FileResponse:
-    """Get the file of an export that is done."""
-    path = jobs.file(export)
-    return FileResponse(path, media_type=PARQUET, filename=f"export-{export[:8]}.parquet")
+    name = f'attachment; filename="campaign-{source.campaign}.{suffix}"'
+    return StreamingResponse(content, media_type=kind, headers={"Content-Disposition": name})

@@ -26,7 +26,7 @@ def get_mode_triage(
     store: parameters.Stored, analysis: parameters.AnalysisId, mode: parameters.ModeNumber
 ) -> parameters.Json:
     """Get the triage of a failure mode."""
-    return parameters.Json(store.triage.get(analysis, mode))
+    return parameters.Json(store.analyses.get_triage(analysis, mode))
 
 
 @router.post(ADDRESS, **document_route(Triage, body=TriageChange))
@@ -39,4 +39,4 @@ def triage_mode(  # noqa: PLR0913, PLR0917 - FastAPI reads a request from the pa
     precondition: parameters.Precondition,
 ) -> parameters.Json:
     """Change the triage of a failure mode; fields that are left out do not change."""
-    return parameters.Json(store.triage.change(analysis, mode, change, who, precondition))
+    return parameters.Json(store.analyses.change_triage(analysis, mode, change, who, precondition))

@@ -37,7 +37,6 @@ RESULTS_COLUMNS = (
     ("failure_rate_high", "to", "share"),
     ("horizon", "Horizon", "s"),
     ("unresolved", "Unresolved at the horizon"),
-    ("unresolved_not_known", "Whether unresolved is not known"),
     ("cost_per_failure", "Cost per failure", "USD"),
     ("cost_per_failure_low", "from", "USD"),
     ("cost_per_failure_high", "to", "USD"),
@@ -149,8 +148,7 @@ def rate_cells(subject: Subject) -> tuple[Cell, ...]:
     rate, ended = subject.summary.failure_rate, subject.summary.unresolved
     bounds = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
     # No episode of a function could end before a collision that is certain.
-    unresolved = (ended.count, ended.not_known) if subject.has_road else (None, None)
-    return (*bounds, ended.horizon_s, *unresolved)
+    return (*bounds, ended.horizon_s, ended.count if subject.has_road else None)
 
 
 def make_cost_cells(subject: Subject) -> tuple[Cell, ...]:

@@ -61,7 +61,7 @@ def _list_all(material: Material) -> Iterator[_Triaged]:
     for subject in material.subjects:
         if subject.analysis is not None:
             for mode in store.analyses.modes(subject.analysis.id)[:MOST_REPORTED]:
-                triage = store.triage.get(subject.analysis.id, mode.number)
+                triage = store.analyses.get_triage(subject.analysis.id, mode.number)
                 yield _Triaged(subject.id, mode, triage)
 
 

@@ -21,7 +21,7 @@ from eigenfail.bridges import (
 )
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay, Url
+from eigenfail.cli.options import AsJson, Data, Database, Replay, Url
 from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, tabulate_checks
 from eigenfail.cli.render import show
 from eigenfail.cli.specs import ask_about_bridges, read_spec
@@ -164,19 +164,19 @@ def _describe_versions(workers: Sequence[Presence]) -> str:
     return f", of eigenfail {' and '.join(found)}" if len(found) > 1 else ""
 
 
-def check_database(database: str | None, replay: int, repair: bool) -> Iterator[Finding]:
-    """Check the named database, if any: its defects and its repairs.
+def check_database(database: str | None, replay: int) -> Iterator[Finding]:
+    """Check the named database, if any: its defects.
 
     Raises:
         InvalidValue: none is named, and there is something to do in it.
     """
     if database is None:
-        if replay or repair:
+        if replay:
             raise InvalidValue("database", "No database is specified.", "Give --database, too.")
         return
     try:
         with announce("Verifying the database"):
-            found: Verification = load_database_tool("verify")(database, replay, repair=repair)
+            found: Verification = load_database_tool("verify")(database, replay)
     except EigenfailError as error:
         yield Finding("database", error.problem, wrong=True, remedy=error.remedy)
         return
@@ -184,11 +184,10 @@ def check_database(database: str | None, replay: int, repair: bool) -> Iterator[
 
 
 def _list_database_checks(found: Verification) -> Iterator[Finding]:
-    """Return the results of a database check: overall, repairs, and each check."""
+    """Return the results of a database check: overall, and each check."""
     state = f"{found.database}: {found.defects or 'no'} defects"
-    remedy = "eigenfail db verify lists them; --repair mends safe ones" if found.defects else ""
+    remedy = "eigenfail db verify lists them" if found.defects else ""
     yield Finding("database", state, bool(found.defects), remedy)
-    yield from (Finding("database: repaired", sentence) for sentence in found.mended)
     for check in found.checks:
         held = f"{check.promise} Defects: {check.defects or 'none'}."
         yield Finding(f"database: {check.name}", held, bool(check.defects))
@@ -258,7 +257,6 @@ def doctor(
     data: Data = DEFAULT_DATA,
     database: Database = None,
     replay: Replay = 0,
-    repair: Repair = False,
     planner: PlannerPlugin = None,
     scenario: ScenarioPlugin = None,
     bridge: BridgeAddress = None,
@@ -268,13 +266,13 @@ def doctor(
 ) -> None:
     """Check the installation, the service and the database.
 
-    Exits with 3 if something is wrong. --database also runs `eigenfail db verify`, and repairs with
-    --repair. --planner or --scenario checks only that plug-in, and exits with 1 if it breaks its
-    contract. --bridge runs episodes on that bridge, and checks that it keeps to the protocol. With
-    --campaign it only runs an episode of that campaign. --golden writes one file for each kind of
-    message between worker and bridge, as bytes and as JSON, and checks nothing.
+    Exits with 3 if something is wrong. --database also runs `eigenfail db verify`. --planner or
+    --scenario checks only that plug-in, and exits with 1 if it breaks its contract. --bridge runs
+    episodes on that bridge, and checks that it keeps to the protocol. With --campaign it only runs
+    an episode of that campaign. --golden writes one file for each kind of message between worker
+    and bridge, as bytes and as JSON, and checks nothing.
     """
-    of_database: dict[str, object] = {"--replay": replay, "--repair": repair}
+    of_database: dict[str, object] = {"--replay": replay}
     of_plugins: dict[str, object] = {"--planner": planner, "--scenario": scenario}
     if golden:
         of_bridge: dict[str, object] = {"--bridge": bridge, "--campaign": campaign}
@@ -297,7 +295,7 @@ def doctor(
         *describe_episode_loop(),
         check_data_folder(data),
         *check_service(context, url),
-        *check_database(database, replay, repair),
+        *check_database(database, replay),
     ]
     show(findings, as_json, lambda: _draw_findings(findings))
     if any(finding.wrong for finding in findings):

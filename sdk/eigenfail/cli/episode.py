@@ -13,6 +13,7 @@ from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.render import CommandResult, first_rows, follow, judge, to_json
 from eigenfail.client import Client
+from eigenfail.client.episodes import ExportFormat, ExportRequest
 from eigenfail.contracts.recording import KNOWN, EgoControl
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
@@ -27,7 +28,6 @@ from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
-from eigenfail.values.export import ExportFormat, ExportRequest
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.operations import Versions
 from eigenfail.values.proof import Replayed

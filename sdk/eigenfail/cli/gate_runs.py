@@ -420,10 +420,10 @@ class Runner:
         }
 
     def _list_unresolved(self, campaign: Campaign) -> dict[int, EpisodeRow]:
-        """Return the safe episodes that are unresolved, or may be, by index."""
+        """Return the safe episodes that are unresolved, by index."""
         braking = f"max_drac_mps2 > {PEAK_BRAKING_MPS2}"
         rows = self._client.episodes.list(campaign.id, Outcome.SAFE, filter=braking)
-        return {row.index: row for row in rows if row.assessed.unresolved is not False}
+        return {row.index: row for row in rows if row.assessed.unresolved}
 
 
 def _may_have_modes(campaign: Campaign) -> bool:

@@ -121,11 +121,6 @@ Database = Annotated[
 Replay = Annotated[
     int, typer.Option("--replay", min=0, help="Number of stored episodes to rerun on this machine.")
 ]
-Repair = Annotated[
-    bool,
-    typer.Option("--repair", help="Correct wrong counts and remove orphaned jobs first."),
-]
-
 Bridge = Annotated[
     str | None,
     typer.Option(

@@ -440,13 +440,13 @@ def _refuse_doubt(campaign: Campaign, gate: bool, summary: Summary | None) -> No
     """Refuse to pass a gate while an episode may hide a failure.
 
     Raises:
-        ServiceError: a gate was requested, and an episode errored, or is or may be unresolved.
+        ServiceError: a gate was requested, and an episode errored, or is unresolved.
     """
     errored = campaign.counts.errored
-    unresolved = summary.unresolved.doubtful if summary else 0
+    unresolved = summary.unresolved.count if summary else 0
     if not gate or not errored + unresolved:
         return
-    counts = {"errored": errored, "ended unresolved, or may have,": unresolved}
+    counts = {"errored": errored, "ended unresolved": unresolved}
     doubtful = [
         f"{count_noun(count, 'episode')} {words}" for words, count in counts.items() if count
     ]

@@ -1,13 +1,14 @@
 """Episodes, as a client sees them: read, replayed, and exported to files."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
 
-from eigenfail.client.link import Extent, Link, reverse_order, wait_until
+from eigenfail.client.link import Extent, Link, reverse_order
 from eigenfail.client.references import (
     CampaignLike,
     EpisodeLike,
@@ -17,13 +18,12 @@ from eigenfail.client.references import (
     split_text,
 )
 from eigenfail.contracts.recording import EgoControl
-from eigenfail.errors import InvalidValue, ServiceError, UnknownName
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import write_whole
 from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import list_named_columns
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.episode import Outcome
-from eigenfail.values.export import Export, ExportFormat, ExportRequest, ExportState
 from eigenfail.values.failures import FailureRequest, parse_failure_sort
 from eigenfail.values.operations import Presence
 from eigenfail.values.proof import Explanation
@@ -31,11 +31,33 @@ from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import ReplayRequest, read_fields
 
-POLL_S = 0.5
-
-
 Picked = dict[str, Value | None]
 """Columns of an episode by their names; None where nothing was measured."""
+
+
+class ExportFormat(StrEnum):
+    """As what episodes are written."""
+
+    CSV = "csv"
+    NDJSON = "ndjson"
+    PARQUET = "parquet"
+
+
+class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Contents of an export; see docs/episodes.md.
+
+    Attributes:
+        filter: conditions on its episodes.
+        sort: their order.
+        fields: columns; all of them if none is named.
+        noise: whether each episode's z comes along, as `<channel>_z`: on a road `longitudinal_z`
+            and `lateral_z`. [sigma]
+    """
+
+    filter: str = ""
+    sort: str = "index"
+    fields: tuple[str, ...] = ()
+    noise: bool = False
 
 
 class ExportOptions(TypedDict, total=False):
@@ -83,7 +105,6 @@ class Episodes:
 
     def __init__(self, link: Link) -> None:
         self._link = link
-        self._exports = Exports(link)
 
     @overload
     def list(
@@ -190,7 +211,12 @@ class Episodes:
             ServiceError: the export failed, or the file cannot be written.
         """
         request = read_fields(wanted, ExportRequest)
-        return self._exports.save(find_campaign_id(campaign), request, Path(path), format)
+        place = Path(path)
+        form = _choose_format(place, format)
+        asked = _list_parameters(request, form)
+        address = f"/campaigns/{find_campaign_id(campaign)}/episodes.{form}"
+        write_whole(place, self._link.chunks(address, asked))
+        return place
 
     @overload
     def export_recording(
@@ -312,47 +338,20 @@ class Episodes:
         return self._link.post(path, Campaign, ReplayRequest(scale))
 
 
-class Exports:
-    """Files of episodes: streamed, or made by the service and then fetched."""
+def _list_parameters(request: ExportRequest, form: ExportFormat) -> dict[str, Any]:
+    """Return the parameters of a request for a file.
 
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self._writers: dict[ExportFormat, Callable[[int, ExportRequest], Iterator[bytes]]] = {
-            ExportFormat.CSV: partial(self._stream, ".csv"),
-            ExportFormat.NDJSON: partial(self._stream, ".ndjson"),
-            ExportFormat.PARQUET: self._make,
-        }
-
-    def save(
-        self, campaign: int, request: ExportRequest, path: Path, form: ExportFormat | str | None
-    ) -> Path:
-        """Write a file, all of it or nothing."""
-        chosen = _choose_format(path, form)
-        if request.noise and chosen is not ExportFormat.PARQUET:
-            raise InvalidValue("noise", f"{chosen} holds no noise.", "Use the format parquet.")
-        write_whole(path, self._writers[chosen](campaign, request))
-        return path
-
-    def _stream(self, suffix: str, campaign: int, request: ExportRequest) -> Iterator[bytes]:
-        asked = {
-            "filter": request.filter or None,
-            "sort": request.sort,
-            "fields": ",".join(request.fields) or None,
-        }
-        return self._link.chunks(f"/campaigns/{campaign}/episodes{suffix}", asked)
-
-    def _make(self, campaign: int, request: ExportRequest) -> Iterator[bytes]:
-        asked = self._link.post(f"/campaigns/{campaign}/exports", Export, request)
-        place = f"/exports/{asked.id}"
-        made = wait_until(
-            lambda: self._link.get(place, Export),
-            lambda export: export.state is not ExportState.RUNNING,
-            POLL_S,
-            None,
-        )
-        if made.state is ExportState.FAILED:
-            raise ServiceError(f"Export {made.id} failed: {made.problem}")
-        return self._link.chunks(f"{place}/file", {})
+    Raises:
+        InvalidValue: noise is asked for, and the format holds none.
+    """
+    if request.noise and form is not ExportFormat.PARQUET:
+        raise InvalidValue("noise", f"{form} holds no noise.", "Use the format parquet.")
+    return {
+        "filter": request.filter or None,
+        "sort": request.sort,
+        "fields": ",".join(request.fields) or None,
+        "noise": "true" if request.noise else None,
+    }
 
 
 def _choose_format(path: Path, form: ExportFormat | str | None) -> ExportFormat:

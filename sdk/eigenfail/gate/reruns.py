@@ -79,7 +79,7 @@ class RerunFigures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """What a campaign found, in numbers.
 
     Attributes:
-        unresolved: safe episodes that are unresolved, or may be.
+        unresolved: safe episodes that are unresolved.
     """
 
     campaign: Ordinal
@@ -388,7 +388,7 @@ def read_figures(campaign: Campaign, unresolved: int = 0) -> RerunFigures:
 
     Args:
         campaign: as it stands.
-        unresolved: number of its safe episodes that are unresolved, or may be.
+        unresolved: number of its safe episodes that are unresolved.
     """
     counts = campaign.counts
     return RerunFigures(

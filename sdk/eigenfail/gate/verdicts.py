@@ -74,7 +74,7 @@ class RunOutcomes(msgspec.Struct, Generic[Row], frozen=True):
         episodes: number of episodes with a result; their indices begin with 0.
         failures: failures by the index of the episode.
         errored: episodes that errored, by index.
-        unresolved: safe episodes that are unresolved, or may be, by index.
+        unresolved: safe episodes that are unresolved, by index.
     """
 
     episodes: int

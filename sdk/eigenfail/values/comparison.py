@@ -182,7 +182,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         completed: episodes.
         failures: failures among them.
         errored: number of episodes that errored.
-        unresolved: number of episodes that are unresolved, or may be.
+        unresolved: number of episodes that are unresolved.
         judges_failures: whether a stop rule of one of the campaigns judges failures.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]

@@ -145,12 +145,10 @@ class Verification(msgspec.Struct, frozen=True):
 
     Attributes:
         database: its address, without secrets.
-        mended: what was put right before these checks, one sentence each.
     """
 
     database: str
     checks: tuple[Check, ...]
-    mended: tuple[str, ...] = ()
 
     @property
     def defects(self) -> int:

@@ -55,7 +55,7 @@ class Assessment(msgspec.Struct, frozen=True):
             either.
         drac_lead_s: the same for DRAC.
         unresolved: whether it ended at its horizon while braking could not avoid a collision any
-            more; None if too little was measured to say.
+            more.
     """
 
     conflict: ConflictClass | None = None
@@ -77,7 +77,7 @@ class Assessment(msgspec.Struct, frozen=True):
             formula="`collided_s` − `drac_violated_s`",
         ),
     ] = None
-    unresolved: bool | None = None
+    unresolved: bool = False
 
     @property
     def words(self) -> str:
@@ -101,33 +101,28 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     be called unavoidable.
     """
     if measures is None or outcome is Outcome.ERRORED:
-        return Assessment(unresolved=False)
+        return Assessment()
     if outcome is not Outcome.COLLISION and measures.collided_s is not None:
-        return Assessment(unresolved=False)  # no requirement forbids the collision
+        return Assessment()  # no requirement forbids the collision
     if outcome is not Outcome.COLLISION:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S
         conflict = ConflictClass.NEAR_MISS if near else ConflictClass.NONE
-        safe = outcome is Outcome.SAFE
-        return Assessment(conflict, unresolved=is_unresolved(measures) if safe else False)
+        return Assessment(conflict, unresolved=outcome is Outcome.SAFE and is_unresolved(measures))
     return Assessment(
         _of_collision(measures),
         _lead_s(measures, measures.ttc_violated_s),
         _lead_s(measures, measures.drac_violated_s),
-        unresolved=False,
     )
 
 
-def is_unresolved(measures: Measures) -> bool | None:
+def is_unresolved(measures: Measures) -> bool:
     """Whether an episode without a collision ended while braking could not avoid one any more.
 
     At a closing speed v and a gap g, constant braking avoids the crash if v² / (2 · g), which is
     DRAC (FHWA-RD-03-050), is at most what the brakes can do; others are taken to keep their
-    velocities. None where the last step's DRAC is not known and the largest does not settle it.
+    velocities.
     """
-    if measures.max_drac_mps2 is None or measures.max_drac_mps2 <= PEAK_BRAKING_MPS2:
-        return False
-    last_mps2 = measures.final_drac_mps2
-    return None if last_mps2 is None else last_mps2 > PEAK_BRAKING_MPS2
+    return (measures.final_drac_mps2 or 0.0) > PEAK_BRAKING_MPS2
 
 
 def _of_collision(measures: Measures) -> ConflictClass | None:
@@ -253,7 +248,6 @@ class ConflictTotals(msgspec.Struct, frozen=True):
         ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
         drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
         unresolved: episodes that ended while braking could not avoid a collision any more.
-        perhaps_unresolved: episodes of which too little was measured to say whether they did.
     """
 
     unavoidable: int = 0
@@ -265,7 +259,6 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     drac_lead_s: float = 0.0
     drac_leads: int = 0
     unresolved: int = 0
-    perhaps_unresolved: int = 0
     allowed: int = 0
 
     @property

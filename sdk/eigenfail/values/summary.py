@@ -50,32 +50,22 @@ class Unresolved(msgspec.Struct, frozen=True):
 
     Attributes:
         count: how many; none of them is a failure.
-        not_known: number of episodes of which this is not known: an older release measured too
-            little.
         horizon_s: how long an episode without a collision lasts, the longest where that varies [s];
             None where steps have no duration, or the scenario is not known here.
     """
 
     count: int = 0
-    not_known: int = 0
     horizon_s: float | None = None
-
-    @property
-    def doubtful(self) -> int:
-        """Number of episodes that are unresolved, or may be: upper bounds count them."""
-        return self.count + self.not_known
 
     def words(self, completed: int) -> str:
         """Return sentences on episodes that ended before a sure collision; empty if none did."""
+        if not self.count:
+            return ""
         within = "" if self.horizon_s is None else f" within {self.horizon_s:g} s"
-        sure = f"{self.count:,} of {completed:,} had no collision{within}, but ended while braking"
-        perhaps = f"{self.not_known:,} of {completed:,} without a collision{within} may have ended"
-        counts = {
-            f"{sure} could not avoid one any more.": self.count,
-            f"{perhaps} like that: their older release did not record it.": self.not_known,
-        }
-        found = [words for words, count in counts.items() if count]
-        return " ".join([*found, UPPER_BOUNDS] if found else [])
+        return (
+            f"{self.count:,} of {completed:,} had no collision{within}, but ended while braking "
+            f"could not avoid one any more. {UPPER_BOUNDS}"
+        )
 
 
 class Errored(msgspec.Struct, frozen=True):
@@ -192,7 +182,7 @@ class BlockTotals(msgspec.Struct, frozen=True):
         completed: at least one.
         failures: failures among them.
         errored: number of episodes that errored.
-        unresolved: number of safe ones that are unresolved, or may be.
+        unresolved: number of safe ones that are unresolved.
         log_probability: sum of log p over all steps of the failures.
         steps: steps of the failures.
         smallest_robustness_m: None if nothing was measured.

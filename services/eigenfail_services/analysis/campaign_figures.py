@@ -285,7 +285,7 @@ def make_safety(
         SamplingDesign.of([campaign.spec]),
         SamplingDesign.of_failures([campaign]),
     )
-    doubtful = errored, unresolved.doubtful
+    doubtful = errored, unresolved.count
     severity = tail_risk(totals.severities, level)
     correlation = rank_correlation(
         np.array([point.log_probability_per_step for point in totals.points]),

@@ -20,7 +20,7 @@ from eigenfail.values.estimates import Estimate, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.references import learner_context
-from eigenfail_services.campaigns.summary import count_doubtful
+from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.methods import subset
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
@@ -178,7 +178,7 @@ def _estimate_by_counts(
     counted, counts = Counter(mode_of.values()), campaign.counts
     design = SamplingDesign.of([campaign.spec])
     # An errored or unresolved episode may hide a failure of any mode.
-    unresolved = min(count_doubtful(store, campaign), counts.completed - counts.failures)
+    unresolved = min(count_unresolved(store, campaign), counts.completed - counts.failures)
     found = (counted[mode] for mode in range(modes))
     return [
         estimate_share(design.make_rate(k, counts.completed, counts.errored, unresolved))

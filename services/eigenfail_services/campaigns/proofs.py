@@ -22,7 +22,6 @@ from eigenfail.values.proof import (
 )
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
-from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import is_distribution, list_drawn
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
@@ -104,13 +103,6 @@ def _describe_world(spec: CampaignSpec) -> dict[str, Any]:
     }
 
 
-MOST_SCENARIOS = 1_000
-MOST_ANALYSES = 100
-
-KNOWN_SCENARIOS: StoreCache[ProvenScenario] = StoreCache(MOST_SCENARIOS)
-KNOWN_WORLDS: StoreCache[list[ReplayWorld]] = StoreCache(MOST_ANALYSES)
-
-
 def read_result(analysis: Analysis) -> AnalysisResult:
     """Return the result of an analysis.
 
@@ -133,8 +125,8 @@ def summarise_proof(store: Store, analysis: Analysis) -> Proof:
     """
     result = read_result(analysis)
     # A result that is there changes no more, and its campaigns' specs never do.
-    homes = KNOWN_WORLDS.get(
-        store, analysis.id, None, lambda: _list_worlds(store, analysis, result)
+    homes = store.answers.get(
+        ("worlds of an analysis", analysis.id), None, lambda: _list_worlds(store, analysis, result)
     )
     linked = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
     # Proofs link searches for the nearest failing point, too.
@@ -209,9 +201,8 @@ def _find_scenario(
 
     Results stay as they are for good, and the counts change with each that comes in.
     """
-    return KNOWN_SCENARIOS.get(
-        store,
-        (analysis.id, replay.id),
+    return store.answers.get(
+        ("proof in a scenario", analysis.id, replay.id),
         (replay.state, replay.counts),
         lambda: _summarise_scenario(store, _find_home(replay, homes), replay),
     )

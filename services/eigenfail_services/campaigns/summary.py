@@ -20,7 +20,6 @@ from eigenfail.values.summary import Conflicts, Course, Errored, MeanTime, Summa
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.resolution import find_searching, resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
@@ -42,8 +41,8 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
     may have been read a few results apart.
     """
-    unresolved = summarise_unresolved(campaign, totals.conflicts)
-    completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.doubtful)
+    unresolved = Unresolved(totals.conflicts.unresolved, find_horizon_s(campaign.spec))
+    completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.count)
     return Summary(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -84,14 +83,9 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
     )
 
 
-def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
-    """Return the episodes that are no failures only because they ended, and their horizon."""
-    return Unresolved(totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec))
-
-
-def count_doubtful(store: Store, campaign: Campaign) -> int:
-    """Return the number of a campaign's episodes that are unresolved, or may be."""
-    return summarise_unresolved(campaign, store.episodes.totals(campaign.id).conflicts).doubtful
+def count_unresolved(store: Store, campaign: Campaign) -> int:
+    """Return the number of a campaign's episodes that are unresolved."""
+    return store.episodes.totals(campaign.id).conflicts.unresolved
 
 
 def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
@@ -178,13 +172,6 @@ def divide(amount: float | None, per: float) -> float | None:
     return None if amount is None or not per else amount / per
 
 
-MOST_TABLES = 500
-
-
-# The intervals of VaR and CVaR take longer than everything else on a page that shows them.
-CACHE: StoreCache[Safety] = StoreCache(MOST_TABLES)
-
-
 def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> Safety:
     """Return the safety table of the episodes so far.
 
@@ -192,15 +179,15 @@ def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> 
         InvalidValue: the level is not between 0 and 1.
     """
     totals, measured = store.episodes.totals(campaign.id), store.episodes.safety(campaign.id)
-    return CACHE.get(
-        store,
-        (campaign.id, level),
+    # The intervals of VaR and CVaR take longer than everything else on a page that shows them.
+    return store.answers.get(
+        ("safety table", campaign.id, level),
         (campaign.counts, totals, measured.completed),
         lambda: campaign_figures.make_safety(
             campaign,
             measured,
             summarise_conflicts(totals.conflicts),
-            summarise_unresolved(campaign, totals.conflicts),
+            Unresolved(totals.conflicts.unresolved, find_horizon_s(campaign.spec)),
             level,
         ),
     )

@@ -19,8 +19,7 @@ from eigenfail.worlds import world_of
 from eigenfail_services.analysis.behaviour import Origin, read_motion
 from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.summary import count_doubtful
+from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.comparison.comparability import flatten_spec
 from eigenfail_services.store import Store
 from eigenfail_services.store.analyses import UNFINISHED
@@ -62,9 +61,6 @@ class _CampaignModes(NamedTuple):
     modes: tuple[ModeSource, ...]
 
 
-_cached = StoreCache[_CampaignModes | None](500)
-
-
 class ReadRelease(NamedTuple):
     """A release with what it is compared by.
 
@@ -78,7 +74,7 @@ class ReadRelease(NamedTuple):
         groups: analyses whose modes are not distinct.
         noise: seeds and settings of its campaigns as text: the same ones give the same noise.
         errored: number of its episodes that errored.
-        unresolved: number of its episodes that are unresolved, or may be.
+        unresolved: number of its episodes that are unresolved.
     """
 
     release: Release
@@ -158,7 +154,7 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
         groups=tuple(dict.fromkeys(each.analysis for each in found if not each.is_distinct)),
         noise=_write_noise(used),
         errored=sum(each.counts.errored for each in used),
-        unresolved=sum(count_doubtful(store, each) for each in used),
+        unresolved=sum(count_unresolved(store, each) for each in used),
     )
 
 
@@ -209,9 +205,11 @@ def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None
     if analysis is None:
         return f"Campaign {campaign.id} is not analysed{_describe_next(store, campaign.id)}"
     # A finished analysis never changes, so the cache needs no state.
-    place = analysis, campaign.id
+    question = ("modes of a campaign", analysis, campaign.id)
     try:
-        found = _cached.get(store, place, None, lambda: _read_behaviours(store, analysis, campaign))
+        found = store.answers.get(
+            question, None, lambda: _read_behaviours(store, analysis, campaign)
+        )
     except InputError as error:
         return f"The scenario of campaign {campaign.id} is not installed here as it was: {error}"
     if found is None:

@@ -18,7 +18,6 @@ from eigenfail.values.campaign import Campaign
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import describe_requirements
 from eigenfail_services.analysis import mode_matching
-from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.comparison import release_reading
 from eigenfail_services.comparison.comparability import write_release_question
 from eigenfail_services.store import Store
@@ -36,8 +35,6 @@ FIXED_YET_THERE = (
 
 DIGITS = 2
 """Significant digits of a probability."""
-
-_cached_matches = StoreCache[tuple[mode_matching.Sightings, ...]](100)
 
 
 def list_questions(store: Store, project: str | None = None) -> tuple[release.ReleaseQuestion, ...]:
@@ -193,7 +190,8 @@ def _compare_modes(
     if len(steps_s) != 1:
         return ()
     compare = partial(_match_releases, compared, steps_s.pop())
-    matched = _cached_matches.get(store, tuple(each.identity for each in compared), None, compare)
+    question = ("modes of releases", *(each.identity for each in compared))
+    matched = store.answers.get(question, None, compare)
     return tuple(
         release.ReleaseMode(
             number=number, name="", sightings=tuple(_list_sightings(read, compared, found))

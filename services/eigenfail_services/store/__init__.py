@@ -16,11 +16,10 @@ from eigenfail_services.store.failures import FailureStore
 from eigenfail_services.store.gates import GateStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
-from eigenfail_services.store.query_cache import CachedQueries, FigureStore
+from eigenfail_services.store.query_cache import AnswerCache, CachedQueries, FigureStore
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
-from eigenfail_services.store.triage import TriageStore
 from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
@@ -34,13 +33,13 @@ class Store:
     def __init__(self, database: Database) -> None:
         self._database = database
         self.campaigns = CampaignStore(database)
-        cached = CachedQueries(database)
+        self.answers = AnswerCache()
+        cached = CachedQueries(database, self.answers)
         self.episodes = EpisodeStore(database, cached)
         self.failures = FailureStore(database)
         self.figures = FigureStore(database, cached)
         self.checkpoints = CheckpointStore(database)
         self.analyses = AnalysisStore(database)
-        self.triage = TriageStore(database)
         self.retention = RetentionStore(database)
         self.events = EventLog(database)
         self.jobs = JobQueue(
@@ -69,8 +68,8 @@ class Store:
 def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Store:
     """Open the store at an address.
 
-    An empty database gets its tables, and one of an older release is upgraded: all of the way or
-    not at all.
+    An empty database gets its tables, and an older schema is upgraded: all of the way or not at
+    all.
 
     Args:
         url: sqlite:///folder/file.db, postgresql://user:password@host:5432/database, or memory://

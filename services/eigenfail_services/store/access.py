@@ -256,6 +256,7 @@ class AuditLog:
 
     def append(self, change: access.Change) -> access.AuditEntry:
         """Record a change with the current time."""
+        # The time is the service's: callers' clocks differ, and a log must be in one order.
         values, at_ms = asdict(change), now_ms()
         statement = sa.insert(audit).values(at_ms=at_ms, **values).returning(audit.c.id)
         with self._database.writing() as connection:

@@ -1,11 +1,13 @@
-"""Analyses, their results, and the campaigns that replay them."""
+"""Analyses, their results with the triage of each mode, and the campaigns that replay them."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
+from msgspec import Struct
 from msgspec.structs import asdict
 from sqlalchemy import Connection, Table, insert, select, update
 
+from eigenfail.presentation.figures import count_noun
 from eigenfail.values.analysis import (
     Analysis,
     AnalysisResult,
@@ -14,7 +16,7 @@ from eigenfail.values.analysis import (
     Mode,
 )
 from eigenfail.values.records import JobKind, Page
-from eigenfail.values.triage import TriageState
+from eigenfail.values.triage import Triage, TriageChange, TriageState, change_triage
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (
@@ -26,7 +28,7 @@ from eigenfail_services.store.codec import (
 )
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
-from eigenfail_services.store.events import append_event, describe_analysis
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.listing import contains_text
@@ -40,6 +42,8 @@ from eigenfail_services.store.schema import (
     select_newest_analysis,
 )
 
+Read = TypeVar("Read", bound=Struct)
+
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
 _PARSERS: dict[str, Callable[[Any], Any]] = {"settings": to_settings, "result": to_analysis_result}
@@ -48,6 +52,8 @@ _WHOLE = StructRows(analyses, Analysis, _PARSERS)
 _BRIEF = StructRows(analyses, Analysis, _PARSERS, without=("result",))
 _MODE = StructRows(modes, Mode)
 _MODES = select(*_MODE.columns).order_by(modes.c.number)
+# A mode and its triage lie in one row.
+_TRIAGE = StructRows(modes, Triage)
 
 
 class AnalysisStore:
@@ -141,7 +147,7 @@ class AnalysisStore:
             NotFound: no such analysis.
         """
         with self._database.reading() as connection:
-            require_analysis(connection, analysis)
+            _require_analysis(connection, analysis)
             query = _MODES.where(modes.c.analysis == analysis)
             return _MODE.list(
                 connection, query if state is None else query.where(modes.c.state == state)
@@ -154,7 +160,7 @@ class AnalysisStore:
             NotFound: no such analysis or mode.
         """
         with self._database.reading() as connection:
-            return _read_mode(connection, analysis, number)
+            return _read_of_mode(connection, _MODE, analysis, number)
 
     def rename_mode(self, analysis: int, number: int, name: str) -> Mode:
         """Give a mode of an analysis a name, and return it.
@@ -165,7 +171,45 @@ class AnalysisStore:
         place = modes.c.analysis == analysis, modes.c.number == number
         with self._database.writing() as connection:
             connection.execute(update(modes).where(*place).values(name=name))
-            return _read_mode(connection, analysis, number)
+            return _read_of_mode(connection, _MODE, analysis, number)
+
+    def get_triage(self, analysis: int, number: int) -> Triage:
+        """Return the triage of a mode of an analysis.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        with self._database.reading() as connection:
+            return _read_of_mode(connection, _TRIAGE, analysis, number)
+
+    def change_triage(
+        self,
+        analysis: int,
+        number: int,
+        change: TriageChange,
+        who: str,
+        check: Callable[[Triage], None] = lambda _triage: None,
+    ) -> Triage:
+        """Change the triage of a mode, and return it.
+
+        Args:
+            analysis: id of the analysis.
+            number: number of the mode, from 1.
+            change: what changes.
+            who: name of who makes the change.
+            check: raises an error if the current triage is not the one to be changed; no other
+                change comes between.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        with self._database.writing() as connection:
+            before = _read_of_mode(connection, _TRIAGE, analysis, number, lock=True)
+            check(before)
+            after = change_triage(before, change, now_ms(), who)
+            place = modes.c.analysis == analysis, modes.c.number == number
+            connection.execute(update(modes).where(*place).values(asdict(after)))
+        return after
 
     def find_modes(self, campaign: int, index: int) -> tuple[Mode, ...]:
         """Return the modes that an episode belongs to, of the newest analysis first."""
@@ -244,7 +288,7 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
     )
     after = _WHOLE.first(connection, statement)
     if after is None:
-        require_analysis(connection, analysis)
+        _require_analysis(connection, analysis)
         return None
     if after.state not in UNFINISHED:
         queue_analysis_end(connection, after)
@@ -269,26 +313,55 @@ def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisRe
             connection.execute(insert(table), inserted)
 
 
-def _read_mode(connection: Connection, analysis: int, number: int) -> Mode:
-    query = _MODES.where(modes.c.analysis == analysis, modes.c.number == number)
-    found = _MODE.first(connection, query)
+def _read_of_mode(
+    connection: Connection,
+    rows: StructRows[Read],
+    analysis: int,
+    number: int,
+    *,
+    lock: bool = False,
+) -> Read:
+    """Return what the row of a mode holds.
+
+    Raises:
+        NotFound: no such analysis or mode.
+    """
+    query = select(*rows.columns).where(modes.c.analysis == analysis, modes.c.number == number)
+    # Changes of one mode come one after the other: each sees what the one before has written.
+    found = rows.first(connection, query.with_for_update() if lock else query)
     if found is None:
-        require_analysis(connection, analysis)
+        _require_analysis(connection, analysis)
         raise make_mode_error(analysis, number)
     return found
 
 
-def require_analysis(connection: Connection, analysis: int) -> None:
+def _require_analysis(connection: Connection, analysis: int) -> None:
     """Raise NotFound if there is no analysis with the id."""
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
         raise make_analysis_error(analysis)
 
 
 def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
-    require_analysis(connection, analysis)
+    _require_analysis(connection, analysis)
     linked = select(replays.c.campaign).where(replays.c.analysis == analysis)
     return tuple(connection.execute(linked.order_by(replays.c.campaign)).scalars())
 
 
 def _log(connection: Connection, analysis: Analysis) -> None:
-    append_event(connection, "analysis.state", describe_analysis(analysis), analysis.campaign)
+    """Log the new state of an analysis."""
+    result = analysis.result
+    findings = (
+        f": {count_noun(len(result.modes), result.cluster_noun)} in "
+        f"{count_noun(len(result.episodes), 'failure')}"
+        if result
+        else ""
+    )
+    phrases = {
+        AnalysisState.QUEUED: "waits in the queue",
+        AnalysisState.RUNNING: "is running",
+        AnalysisState.DONE: f"is done{findings}",
+        AnalysisState.FAILED: "failed",
+    }
+    phrase = f"Analysis {analysis.id} of campaign {analysis.campaign} {phrases[analysis.state]}."
+    message = f"{phrase} {analysis.problem}".strip()
+    append_event(connection, "analysis.state", message, analysis.campaign)

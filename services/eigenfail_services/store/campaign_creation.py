@@ -5,14 +5,14 @@ from hashlib import sha256
 
 from sqlalchemy import Connection, insert, select
 
+from eigenfail.errors import IdempotencyMismatch
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
 from eigenfail_services.store.access import admit_campaigns
-from eigenfail_services.store.campaign_rows import insert_campaign, read_campaign
+from eigenfail_services.store.campaign_rows import insert_campaign, name_campaign, read_campaign
 from eigenfail_services.store.codec import spec_hash
-from eigenfail_services.store.errors import make_reuse_error
-from eigenfail_services.store.events import append_event, describe_created
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
 from eigenfail_services.store.schema import idempotency_keys
@@ -37,6 +37,7 @@ def create_campaigns(
     """Create campaigns in their order, or return those that the key has created."""
     if key is None:
         return _insert_queued(connection, specs, made_by)
+    # The hash is of the whole list: a list that only begins alike is another request.
     keys, asked = [derive_key(key, place) for place in range(len(specs))], hash_specs(specs)
     if earlier := _find_made_with(connection, keys, asked):
         return earlier
@@ -83,7 +84,12 @@ def _insert_queued(
     # writer waits for the counter of events.
     for campaign in made:
         enqueue(connection, JobKind.CAMPAIGN, campaign.id)
-        append_event(connection, "campaign.created", describe_created(campaign), campaign.id)
+        spec = campaign.spec
+        message = (
+            f"{name_campaign(campaign)} waits in the queue: {spec.episodes} episodes by "
+            f"{spec.method}."
+        )
+        append_event(connection, "campaign.created", message, campaign.id)
     return made
 
 
@@ -100,7 +106,11 @@ def _find_made_with(
     for row in known.values():
         # Returning the earlier campaign would hide that this request has created nothing.
         if row.spec_hash != asked:
-            raise make_reuse_error(row.campaign)
+            raise IdempotencyMismatch(
+                f"This Idempotency-Key was used for campaign {row.campaign}, which asks for "
+                "something else.",
+                "Use a new key for a new campaign.",
+            )
     return tuple(read_campaign(connection, known[key].campaign) for key in keys if key in known)
 
 

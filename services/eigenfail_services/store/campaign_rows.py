@@ -6,6 +6,7 @@ from typing import Any
 from msgspec import UNSET
 from sqlalchemy import Connection, Select, bindparam, insert, select, update
 
+from eigenfail.errors import NotFound
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import Estimate
@@ -20,7 +21,6 @@ from eigenfail_services.store.codec import (
     to_tags_text,
 )
 from eigenfail_services.store.engine import CHUNK
-from eigenfail_services.store.errors import make_campaign_error
 from eigenfail_services.store.schema import campaigns, episode_index, episodes
 
 # Built once: they are executed with every group of results.
@@ -41,7 +41,8 @@ def read_campaign(
     """
     found = connection.execute(row, {"campaign": campaign}).mappings().one_or_none()
     if found is None:
-        raise make_campaign_error(campaign)
+        problem = f"Campaign {campaign} does not exist."
+        raise NotFound(problem, "`eigenfail campaign list` lists them.")
     return to_campaign(found)
 
 
@@ -52,6 +53,11 @@ def lock_campaign(connection: Connection, campaign: int) -> Campaign:
         NotFound: no such campaign.
     """
     return read_campaign(connection, campaign, _BY_ID_LOCKED)
+
+
+def name_campaign(campaign: Campaign) -> str:
+    """Return a campaign by id and name, for messages."""
+    return f"Campaign {campaign.id} '{campaign.spec.name}'"
 
 
 def insert_campaign(connection: Connection, spec: CampaignSpec, made_by: int | None) -> Campaign:

@@ -22,6 +22,7 @@ from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import Job, JobKind, Page
 from eigenfail.values.suite import SuiteStanding
+from eigenfail.versions import describe_mixed
 from eigenfail_services.store.campaign_creation import (
     create_campaign,
     create_campaigns,
@@ -31,22 +32,18 @@ from eigenfail_services.store.campaign_creation import (
 from eigenfail_services.store.campaign_rows import (
     hash_results,
     lock_campaign,
+    name_campaign,
     read_campaign,
     update_campaign,
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import (
-    append_event,
-    describe_archive,
-    describe_mixed_releases,
-    describe_move,
-    describe_priority,
-)
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import enqueue, fence, withdraw
 from eigenfail_services.store.lifecycle import (
     MOVES,
+    PHRASES,
     WITHDRAWN,
     begin_part,
     move_campaign,
@@ -150,7 +147,14 @@ class CampaignStore:
             IllegalTransition: the campaign has ended.
         """
         with self._database.writing() as connection:
-            return _prioritise_campaign(connection, campaign, priority)
+            before = lock_campaign(connection, campaign)
+            after = set_priority(before, priority)
+            if after is not before:
+                ours = update(campaigns).where(campaigns.c.id == campaign)
+                connection.execute(ours.values(priority=priority))
+                message = f"{name_campaign(after)} has the priority {priority} from now on."
+                append_event(connection, "campaign.priority", message, campaign)
+        return after
 
     def archive(self, campaign: int) -> Campaign:
         """Archive a campaign that has ended: public lists omit it, and nothing of it is deleted.
@@ -278,8 +282,8 @@ class CampaignStore:
                 ours = update(campaigns).where(campaigns.c.id == campaign)
                 connection.execute(ours.values(parts=text))
                 if after.is_mixed:
-                    sentence = describe_mixed_releases(after)
-                    append_event(connection, "campaign.mixed_releases", sentence, campaign)
+                    sentences = " ".join(describe_mixed(after)[-2:])
+                    append_event(connection, "campaign.mixed_releases", sentences, campaign)
         return after
 
     def add_code(self, campaign: int, code: Versions) -> Campaign:
@@ -294,6 +298,7 @@ class CampaignStore:
         """
         with self._database.writing() as connection:
             before = lock_campaign(connection, campaign)
+            # A campaign of many workers is described by each of them, mostly in the same words.
             if code in before.code:
                 return before
             after = replace(before, code=(*before.code, code))
@@ -351,18 +356,8 @@ def _move_campaign(
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
         withdraw(connection, JobKind.CAMPAIGN, campaign)
     queue_campaign_end(connection, after)
-    append_event(connection, "campaign.state", describe_move(after, because), campaign)
-    return after
-
-
-def _prioritise_campaign(connection: Connection, campaign: int, priority: Priority) -> Campaign:
-    before = lock_campaign(connection, campaign)
-    after = set_priority(before, priority)
-    if after is not before:
-        connection.execute(
-            update(campaigns).where(campaigns.c.id == campaign).values(priority=priority)
-        )
-        append_event(connection, "campaign.priority", describe_priority(after), campaign)
+    message = f"{name_campaign(after)} {PHRASES[after.state]}. {because}".strip()
+    append_event(connection, "campaign.state", message, campaign)
     return after
 
 
@@ -372,7 +367,8 @@ def _set_archived(connection: Connection, campaign: int, archived_ms: int | None
     if after is not before:
         ours = update(campaigns).where(campaigns.c.id == campaign)
         connection.execute(ours.values(archived_ms=archived_ms))
-        append_event(connection, "campaign.archive", describe_archive(after), campaign)
+        phrase = "is listed again" if archived_ms is None else "is archived: lists omit it"
+        append_event(connection, "campaign.archive", f"{name_campaign(after)} {phrase}.", campaign)
     return after
 
 

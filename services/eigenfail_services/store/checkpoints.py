@@ -1,18 +1,17 @@
 """The last two learner states of each campaign."""
 
 from hashlib import sha256
-from typing import NamedTuple
 
 import structlog
 from sqlalchemy import Connection, delete, func, insert, select
 
+from eigenfail.errors import ProtocolError
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.records import Job
 from eigenfail_services.store.campaign_rows import lock_campaign, update_learner
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.errors import make_checkpoint_error
-from eigenfail_services.store.events import append_event, describe_damage
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import fence
 from eigenfail_services.store.schema import checkpoints
 
@@ -20,13 +19,6 @@ log = structlog.get_logger()
 
 KEPT_CHECKPOINTS = 2
 """Checkpoints that are kept of each campaign: the last one, and the one to fall back to."""
-
-
-class NewestCheckpoint(NamedTuple):
-    """The newest checkpoint that is whole, and the numbers of those after it, which are not."""
-
-    state: bytes | None
-    damaged: tuple[int, ...]
 
 
 class CheckpointStore:
@@ -83,7 +75,8 @@ class CheckpointStore:
             ProtocolError: there are checkpoints, and all are damaged.
         """
         with self._database.reading() as connection:
-            return _find_newest(connection, campaign).state
+            state, _damaged = _find_newest(connection, campaign)
+        return state
 
     def recover(self, campaign: int, claim: Job | None = None) -> bytes | None:
         """Return the newest undamaged checkpoint, and delete newer, damaged ones with an event.
@@ -100,12 +93,22 @@ class CheckpointStore:
             # checkpoints of its successor.
             state, damaged = _find_newest(connection, campaign)
             if damaged:
-                _drop_damaged(connection, campaign, damaged)
+                ours = (checkpoints.c.campaign == campaign) & checkpoints.c.number.in_(damaged)
+                connection.execute(delete(checkpoints).where(ours))
+                log.warning("checkpoint damaged, the one before it is used", campaign=campaign)
+                append_event(
+                    connection,
+                    "checkpoint.damaged",
+                    f"The last checkpoint of campaign {campaign} is damaged: its SHA-256 does not "
+                    "match. The campaign goes on from the one before it, with the same episodes. "
+                    "Check the disk.",
+                    campaign,
+                )
         return state
 
 
-def _find_newest(connection: Connection, campaign: int) -> NewestCheckpoint:
-    """Return the newest undamaged checkpoint; they are read one by one, as they may be large.
+def _find_newest(connection: Connection, campaign: int) -> tuple[bytes | None, list[int]]:
+    """Return the newest undamaged checkpoint, and the numbers of damaged ones after it.
 
     Raises:
         ProtocolError: there are checkpoints, and all are damaged.
@@ -113,34 +116,22 @@ def _find_newest(connection: Connection, campaign: int) -> NewestCheckpoint:
     mine = checkpoints.c.campaign == campaign
     numbers = select(checkpoints.c.number).where(mine).order_by(checkpoints.c.number.desc())
     damaged: list[int] = []
+    # One by one, as a state may have many megabytes.
     for number in connection.execute(numbers).scalars().all():
         columns = select(checkpoints.c.state, checkpoints.c.sha256)
         kept = connection.execute(columns.where(mine, checkpoints.c.number == number)).one()
-        if is_whole(*kept):
-            return NewestCheckpoint(kept.state, tuple(damaged))
+        if hash_state(kept.state) == kept.sha256:
+            return kept.state, damaged
         damaged.append(number)
     if damaged:
-        raise make_checkpoint_error(campaign)
-    return NewestCheckpoint(None, ())
-
-
-def _drop_damaged(connection: Connection, campaign: int, damaged: tuple[int, ...]) -> None:
-    mine = (checkpoints.c.campaign == campaign) & checkpoints.c.number.in_(damaged)
-    connection.execute(delete(checkpoints).where(mine))
-    tell_damaged(campaign)
-    append_event(connection, "checkpoint.damaged", describe_damage(campaign), campaign)
-
-
-def tell_damaged(campaign: int) -> None:
-    """Log that a checkpoint is damaged and that the one before it is used."""
-    log.warning("checkpoint damaged, the one before it is used", campaign=campaign)
+        raise ProtocolError(
+            f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, "
+            "and there is no older one that is whole.",
+            "Launch the campaign again.",
+        )
+    return None, []
 
 
 def hash_state(state: bytes) -> str:
     """Return the SHA-256 of a checkpoint: the learner's state and the open rounds."""
     return sha256(state).hexdigest()
-
-
-def is_whole(state: bytes, kept: str | None) -> bool:
-    """Return whether a state matches its hash; states of older releases have none, and pass."""
-    return kept is None or hash_state(state) == kept

@@ -54,24 +54,17 @@ def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...] | tuple[Ver
     return msgspec.json.encode(value, order="deterministic").decode()
 
 
-COLUMN_FIELDS = ("priority", "project", "tags")
-"""Fields of a spec that have columns of their own and are in no hash."""
-
-
 def spec_text(spec: CampaignSpec) -> str:
     """Return the canonical JSON text of a spec without its priority, project and tags.
 
-    These have columns, and are no part of what a campaign is. `parallel`, `requirements`,
-    `importance` and `planner_version` are left out where they are not given: earlier releases had
-    no such fields, and their texts, keys and digests stay as they are.
+    These have columns, and are no part of what a campaign is. What was not given is left out, so
+    that a new field with a default changes no text, key or hash of campaigns that exist.
     """
-    absent = set(COLUMN_FIELDS) if spec.parallel is not None else {*COLUMN_FIELDS, "parallel"}
-    given = {name: getattr(spec, name) for name in spec.__struct_fields__ if name not in absent}
-    fields = {
-        name: msgspec.Raw(msgspec.json.encode(value, order="deterministic"))
-        for name, value in given.items()
-        if value is not msgspec.UNSET
-    }
+    fields = msgspec.to_builtins(spec, order="deterministic")
+    if spec.parallel is None:
+        del fields["parallel"]
+    for name in ("priority", "project", "tags"):
+        fields.pop(name, None)
     return msgspec.json.encode(fields).decode()
 
 
@@ -140,6 +133,7 @@ def to_campaign(found: RowMapping) -> Campaign:
         project=msgspec.UNSET if project is None else project,
         tags=msgspec.UNSET if tags is None else _tags.decode(tags),
     )
+    # What is left in the row after these are the fields of a campaign under their own names.
     spent = [values.pop(name) for name in OVERHEAD]
     counts = Counts(**{name: values.pop(column) for column, name in COUNTS.items()})
     found_estimate = None if estimate is None else _estimates.decode(estimate)
@@ -281,6 +275,7 @@ class StructRows(Generic[Value]):
     def read(self, row: RowMapping) -> Value:
         """Return the value that a row with `columns` is."""
         values = {name: row[name] for name in self._names}
+        # NULL stays None: no parser has to know of it.
         for name, parse in self._parsers.items():
             if values.get(name) is not None:
                 values[name] = parse(values[name])

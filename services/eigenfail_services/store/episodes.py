@@ -39,7 +39,7 @@ from eigenfail_services.store.codec import (
 )
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.errors import make_episode_error, make_pruned_error
-from eigenfail_services.store.events import append_event, describe_alarm
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.listing import (
     Expression,
@@ -104,7 +104,11 @@ def _store_deliveries(
     if judgement.counts != before.counts:
         update_counts(connection, campaign, judgement.counts)
     for alarm in judgement.alarms:
-        message = describe_alarm(campaign, alarm.result.index, alarm.worker)
+        message = (
+            f"Worker {alarm.worker} brought another result of episode {alarm.result.index} of "
+            f"campaign {campaign} than the one that is kept: simulator, planner or machine is not "
+            "deterministic."
+        )
         append_event(connection, "episode.alarm", message, campaign)
     return judgement.verdicts
 

@@ -6,14 +6,6 @@ from shlex import quote
 from eigenfail import errors
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.operations import DRAWN_AGAIN
-from eigenfail.values.records import Job
-
-
-def make_campaign_error(campaign: int) -> errors.NotFound:
-    """Return the error that no campaign has the id."""
-    return errors.NotFound(
-        f"Campaign {campaign} does not exist.", "`eigenfail campaign list` lists them."
-    )
 
 
 def make_episode_error(campaign: int, index: int) -> errors.NotFound:
@@ -46,14 +38,6 @@ def make_running_error(campaign: Campaign) -> errors.Conflict:
     )
 
 
-def make_needed_error(campaign: int) -> errors.Conflict:
-    """Return the error that noise of a campaign is needed by others."""
-    return errors.Conflict(
-        f"A campaign or an analysis that has not ended needs the noise of campaign {campaign}.",
-        "Wait for its end, or cancel it.",
-    )
-
-
 def make_analysis_error(analysis: int) -> errors.NotFound:
     """Return the error that no analysis has the id."""
     return errors.NotFound(
@@ -74,41 +58,10 @@ def make_key_error(key: int) -> errors.NotFound:
     return errors.NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")
 
 
-def make_gate_error(gate: int) -> errors.NotFound:
-    """Return the error that no result of a gate has the id."""
-    return errors.NotFound(f"Gate {gate} does not exist.", "`eigenfail gate list` lists them.")
-
-
 def make_webhook_error(webhook: int) -> errors.NotFound:
     """Return the error that no webhook has the id."""
     return errors.NotFound(
         f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them."
-    )
-
-
-def make_claim_error(claim: Job) -> errors.ClaimLost:
-    """Return the error that a job was claimed by another process."""
-    return errors.ClaimLost(
-        f"The {claim.kind} {claim.subject} belongs to another process: the lease ran out, or it "
-        "was paused, resumed or ended meanwhile.",
-        "No action is needed: nothing was written, and the process that has claimed it goes on.",
-    )
-
-
-def make_checkpoint_error(campaign: int) -> errors.ProtocolError:
-    """Return the error that all checkpoints of a campaign are damaged."""
-    return errors.ProtocolError(
-        f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, and "
-        "there is no older one that is whole.",
-        "Launch the campaign again.",
-    )
-
-
-def make_reuse_error(campaign: int) -> errors.IdempotencyMismatch:
-    """Return the error that the idempotency key was used for another spec."""
-    return errors.IdempotencyMismatch(
-        f"This Idempotency-Key was used for campaign {campaign}, which asks for something else.",
-        "Use a new key for a new campaign.",
     )
 
 

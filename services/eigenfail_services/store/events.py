@@ -1,4 +1,4 @@
-"""The event log, and the sentences in it.
+"""The event log.
 
 Readers ask for ids above the last one seen, so an id must never become visible after a higher one.
 Ids therefore come from one counted row: it stays locked from the moment an id is taken until that
@@ -10,102 +10,12 @@ from collections.abc import Collection
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from eigenfail.gate.report import GateReport
-from eigenfail.presentation.figures import count_noun
-from eigenfail.values.analysis import Analysis, AnalysisResult, AnalysisState
-from eigenfail.values.campaign import Campaign, CampaignState
-from eigenfail.values.operations import Event, Retention
-from eigenfail.versions import describe_mixed
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.operations import Event
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import PHRASES
 from eigenfail_services.store.schema import campaigns, event_counter, events
-
-
-def describe_created(campaign: Campaign) -> str:
-    """Describe a new campaign."""
-    spec = campaign.spec
-    return f"{_name_of(campaign)} waits in the queue: {spec.episodes} episodes by {spec.method}."
-
-
-def describe_move(campaign: Campaign, because: str) -> str:
-    """Describe a campaign's new state."""
-    return f"{_name_of(campaign)} {PHRASES[campaign.state]}. {because}".strip()
-
-
-def describe_priority(campaign: Campaign) -> str:
-    """Describe a campaign's new priority."""
-    return f"{_name_of(campaign)} has the priority {campaign.spec.priority} from now on."
-
-
-def describe_archive(campaign: Campaign) -> str:
-    """Describe that a campaign was archived, or is listed again."""
-    phrase = "is listed again" if campaign.archived_ms is None else "is archived: lists omit it"
-    return f"{_name_of(campaign)} {phrase}."
-
-
-def describe_mixed_releases(campaign: Campaign) -> str:
-    """Describe that a campaign goes on with other versions."""
-    return " ".join(describe_mixed(campaign)[-2:])
-
-
-def describe_alarm(campaign: int, index: int, worker: str) -> str:
-    """Describe a result that contradicts the stored one."""
-    return (
-        f"Worker {worker} brought another result of episode {index} of campaign {campaign} than "
-        "the one that is kept: simulator, planner or machine is not deterministic."
-    )
-
-
-def describe_damage(campaign: int) -> str:
-    """Describe that the newest checkpoint is damaged."""
-    return (
-        f"The last checkpoint of campaign {campaign} is damaged: its SHA-256 does not match. The "
-        "campaign goes on from the one before it, with the same episodes. Check the disk."
-    )
-
-
-def describe_pruning(campaign: int, rule: Retention, who: str) -> str:
-    """Describe the beginning of a pruning."""
-    return (
-        f"{who} prunes campaign {campaign}: of its safe episodes with noise by {rule.source}, each "
-        f"{rule.keep_every}th keeps noise and scene. All rows and all failures stay."
-    )
-
-
-def describe_analysis(analysis: Analysis) -> str:
-    """Describe an analysis's new state."""
-    phrases = {
-        AnalysisState.QUEUED: "waits in the queue",
-        AnalysisState.RUNNING: "is running",
-        AnalysisState.DONE: f"is done{_describe_findings(analysis.result)}",
-        AnalysisState.FAILED: "failed",
-    }
-    phrase = f"Analysis {analysis.id} of campaign {analysis.campaign} {phrases[analysis.state]}."
-    return f"{phrase} {analysis.problem}".strip()
-
-
-def describe_gate(report: GateReport) -> str:
-    """Describe the verdict of a gate."""
-    gate = report.gate
-    if not gate.baseline:
-        return f"Version {gate.version} is a baseline of suite '{gate.suite}'."
-    verdict = "passed" if report.open else "did not pass"
-    against = f"suite '{gate.suite}' against {gate.baseline}"
-    return f"Version {gate.version} {verdict} the gate of {against}."
-
-
-def _name_of(campaign: Campaign) -> str:
-    return f"Campaign {campaign.id} '{campaign.spec.name}'"
-
-
-def _describe_findings(result: AnalysisResult | None) -> str:
-    if result is None:
-        return ""
-    clusters = count_noun(len(result.modes), result.cluster_noun)
-    return f": {clusters} in {count_noun(len(result.episodes), 'failure')}"
-
 
 KEPT_EVENTS = 200_000
 """Events in the log; older ones are deleted."""

@@ -116,6 +116,7 @@ class FailureStore:
             query = _select_of_campaigns(connection, where, order, limit + 1)
             ordered = order.sort(query, *query.selected_columns).limit(limit + 1)
             places = [_Place(*row) for row in connection.execute(ordered)]
+            # One place more than the page has tells whether another page follows.
             rows = _read_rows(connection, places[:limit])
         return Page(rows, places[limit - 1].cursor if len(places) > limit else None)
 

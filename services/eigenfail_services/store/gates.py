@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from sqlalchemy import Connection, insert, select
 from sqlalchemy.exc import IntegrityError
 
+from eigenfail.errors import NotFound
 from eigenfail.gate.report import GateReport, MemberReport
 from eigenfail.gate.results import GateResult, GateSummary, make_result, summarise_report
 from eigenfail.values.records import Page
@@ -14,8 +15,7 @@ from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.errors import make_gate_error
-from eigenfail_services.store.events import append_event, describe_gate
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.outbox import queue_gate_failure
 from eigenfail_services.store.schema import gates
 
@@ -54,7 +54,7 @@ class GateStore:
         with self._database.reading() as connection:
             found = connection.execute(query).one_or_none()
         if found is None:
-            raise make_gate_error(gate)
+            raise NotFound(f"Gate {gate} does not exist.", "`eigenfail gate list` lists them.")
         return make_result(_reports.decode(found.report), found.id, found.created_ms)
 
     def page(self, limit: int, before: int | None = None) -> Page[GateSummary]:
@@ -64,6 +64,7 @@ class GateStore:
 
 
 def _record_once(connection: Connection, report: GateReport) -> GateSummary:
+    # By content, not by an id of the caller: a pipeline that is run again sends the same report.
     digest = _digest_judged(report)
     query = select(*_SUMMARIES.columns).where(gates.c.digest == digest)
     if (known := _SUMMARIES.first(connection, query)) is not None:
@@ -83,15 +84,19 @@ def _record_once(connection: Connection, report: GateReport) -> GateSummary:
     )
     (summary,) = _SUMMARIES.list(connection, statement.returning(*_SUMMARIES.columns))
     queue_gate_failure(connection, summary.id, report)
-    append_event(connection, _choose_kind(report), describe_gate(report))
+    append_event(connection, *_describe_verdict(report))
     return summary
 
 
-def _choose_kind(report: GateReport) -> str:
-    """Return the kind of the event of a report."""
-    if not report.gate.baseline:
-        return "gate.baseline"
-    return "gate.passed" if report.open else WebhookEvent.GATE_FAILED.value
+def _describe_verdict(report: GateReport) -> tuple[str, str]:
+    """Return kind and message of the event of a report."""
+    gate = report.gate
+    if not gate.baseline:
+        return "gate.baseline", f"Version {gate.version} is a baseline of suite '{gate.suite}'."
+    verdict = "passed" if report.open else "did not pass"
+    against = f"suite '{gate.suite}' against {gate.baseline}"
+    message = f"Version {gate.version} {verdict} the gate of {against}."
+    return "gate.passed" if report.open else WebhookEvent.GATE_FAILED.value, message
 
 
 def _digest_judged(report: GateReport) -> str:

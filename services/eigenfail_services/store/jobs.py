@@ -6,11 +6,11 @@ from uuid import uuid4
 
 import sqlalchemy as sa
 
+from eigenfail.errors import ClaimLost
 from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.errors import make_claim_error
 from eigenfail_services.store.schema import analyses, campaigns, jobs
 
 # A lease that is yet to begin is of another clock: of before the machine was started anew.
@@ -44,7 +44,12 @@ def fence(connection: sa.Connection, claim: Job | None) -> None:
         sa.select(jobs.c.id).where(holds_token(claim)).with_for_update(read=True, key_share=True)
     )
     if connection.execute(theirs).first() is None:
-        raise make_claim_error(claim)
+        raise ClaimLost(
+            f"The {claim.kind} {claim.subject} belongs to another process: the lease ran out, or "
+            "it was paused, resumed or ended meanwhile.",
+            "No action is needed: nothing was written, and the process that has claimed it goes "
+            "on.",
+        )
 
 
 MAX_ATTEMPTS = 5

@@ -233,6 +233,7 @@ def sort_campaigns(
     Raises:
         InvalidValue: the order is not by id, and no campaign has the id `before`.
     """
+    # Ids break ties in every order, so that no campaign is on two pages or on none.
     value, number = _SORTED[sort.column], campaigns.c.id
     if sort.column == "id":  # in the order of the table: nothing is sorted
         ordered = query.order_by(number.desc() if sort.descending else number)

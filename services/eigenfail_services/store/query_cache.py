@@ -1,21 +1,18 @@
-"""Figures over campaigns and their episodes, and a cache of the expensive ones.
+"""Figures over campaigns and their episodes, and a cache of expensive answers.
 
-Results are only ever added, so an answer holds as long as their number is the same.
+Results are only ever added, so an answer about results holds as long as their number is the same.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Hashable, Sequence
 from functools import reduce
 from math import ceil
 from threading import Lock
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import msgspec
 import sqlalchemy as sa
 
-from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import WorkerShare
@@ -31,28 +28,33 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
-from eigenfail_services.store.totals import count_doubtful, count_results, sum_campaigns
+from eigenfail_services.store.totals import count_results, select_unresolved, sum_campaigns
 
 Answer = TypeVar("Answer")
 
+MOST_ANSWERS = 1_000
+"""Answers that a store keeps; those about a campaign with many failures have a megabyte."""
 
-MOST_ANSWERS = 512
+MOST_TOTALS = 20_000
+"""Campaigns whose sums are kept, a kilobyte each: lists show hundreds of campaigns at a time."""
+
+_NEVER = object()
 
 
 class _Entry:
-    """An answer, the number of results that it is of, and a lock for its computation."""
+    """An answer, the state that it is of, and a lock for its computation."""
 
     def __init__(self) -> None:
         self.lock = Lock()
-        self.results = -1
+        self.state: Hashable = _NEVER
         self.answer: Any = None
 
 
 class AnswerCache:
-    """The latest answers about campaigns; each is computed once, however many threads ask for it.
+    """The latest answers; each is computed once, however many threads ask for it.
 
     Args:
-        most: number of answers that are kept.
+        most: number of answers that are kept; those that were asked for last stay.
     """
 
     def __init__(self, most: int = MOST_ANSWERS) -> None:
@@ -60,34 +62,39 @@ class AnswerCache:
         self._lock = Lock()
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
 
-    def get(self, key: Hashable, results: int, make: Callable[[], Answer]) -> Answer:
-        """Return the answer to a question of at least `results` results, computed if necessary."""
-        entry = self._entry(key)
+    def get(self, question: Hashable, state: Hashable, make: Callable[[], Answer]) -> Answer:
+        """Return the answer to a question, computed unless it is known.
+
+        Args:
+            question: what is asked: a name, and what it is asked of.
+            state: whatever changes when the answer does; read before the answer is computed.
+            make: computes the answer.
+        """
+        entry = self._entry(question)
         # Each entry has a lock of its own: threads with the same question wait for one answer, and
         # other threads do not wait.
         with entry.lock:
-            if entry.results < results:
-                entry.answer, entry.results = make(), results
+            if entry.state != state:
+                entry.answer, entry.state = make(), state
             answer: Answer = entry.answer
             return answer
 
-    def known(self, key: Hashable, results: int) -> Any:
-        """Return the answer of at least `results` results if it is cached, else None."""
-        entry = self._entry(key)
+    def known(self, question: Hashable, state: Hashable) -> Any:
+        """Return the answer to a question if it is known, else None."""
+        entry = self._entry(question)
         with entry.lock:
-            return entry.answer if entry.results >= results else None
+            return entry.answer if entry.state == state else None
 
-    def put(self, key: Hashable, results: int, answer: object) -> None:
-        """Cache an answer that was computed elsewhere."""
-        entry = self._entry(key)
+    def put(self, question: Hashable, state: Hashable, answer: object) -> None:
+        """Keep an answer that was computed elsewhere, with others in one query."""
+        entry = self._entry(question)
         with entry.lock:
-            if entry.results < results:
-                entry.answer, entry.results = answer, results
+            entry.answer, entry.state = answer, state
 
-    def _entry(self, key: Hashable) -> _Entry:
+    def _entry(self, question: Hashable) -> _Entry:
         with self._lock:
-            entry = self._entries.pop(key, None) or _Entry()
-            self._entries[key] = entry
+            entry = self._entries.pop(question, None) or _Entry()
+            self._entries[question] = entry
             if len(self._entries) > self._most:
                 self._entries.popitem(last=False)
             return entry
@@ -96,46 +103,22 @@ class AnswerCache:
 More = ParamSpec("More")
 
 
-MOST_TOTALS = 20_000
-
-
-class _CountedCampaign(NamedTuple):
-    """The number of results that a campaign of a store had when it was read."""
-
-    queries: "CachedQueries"
-    campaign: int
-    results: int
-
-
-# A context variable, as the sums of a page are computed in several threads.
-_COUNTED: ContextVar[_CountedCampaign | None] = ContextVar("counted campaign", default=None)
-
-
 class CachedQueries:
     """Queries of campaigns' results, answered from a cache while no result was added.
 
     A campaign that has ended is read once, and a running one once for all that look at it at the
     same time.
+
+    Args:
+        database: the database of the campaigns.
+        answers: the cache.
     """
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, answers: AnswerCache) -> None:
         self._database = database
-        self._answers = AnswerCache()
+        self._answers = answers
+        # Of their own: a list of campaigns would push all other answers out.
         self._totals = AnswerCache(MOST_TOTALS)
-
-    @contextmanager
-    def as_of(self, campaign: Campaign) -> Iterator[None]:
-        """Within the block, take the number of results from a campaign that was read before.
-
-        No query then reads that number again, and all answers about the campaign are of at least
-        these results.
-        """
-        results = campaign.counts.completed + campaign.counts.errored
-        token = _COUNTED.set(_CountedCampaign(self, campaign.id, results))
-        try:
-            yield
-        finally:
-            _COUNTED.reset(token)
 
     def once(
         self,
@@ -152,11 +135,11 @@ class CachedQueries:
 
         key = (question.__name__, campaign, *more, *sorted(options.items()))
         # No connection is held meanwhile: those who wait for the answer need none.
-        return self._answers.get(key, self._results([campaign]).get(campaign, 0), ask)
+        return self._answers.get(key, self._count([campaign]).get(campaign, 0), ask)
 
     def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
         """Return the totals of several campaigns; all uncached ones are read in one query."""
-        counts = self._results(campaigns)
+        counts = self._count(campaigns)
         known = {each: self._totals.known(each, counts.get(each, 0)) for each in campaigns}
         missing = [each for each, found in known.items() if found is None]
         if missing:
@@ -167,10 +150,7 @@ class CachedQueries:
             known |= fresh
         return known
 
-    def _results(self, campaigns: Sequence[int]) -> dict[int, int]:
-        counted = _COUNTED.get()
-        if counted and counted.queries is self and [*campaigns] == [counted.campaign]:
-            return {counted.campaign: counted.results}
+    def _count(self, campaigns: Sequence[int]) -> dict[int, int]:
         with self._database.reading() as connection:
             return count_results(connection, campaigns)
 
@@ -213,7 +193,7 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requir
 
 
 def _select_pools() -> sa.Select[*tuple[Any, ...]]:
-    ended = count_doubtful()
+    ended = select_unresolved().subquery()
     rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
     judges_failures = sa.case((sa.and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (
@@ -223,7 +203,7 @@ def _select_pools() -> sa.Select[*tuple[Any, ...]]:
             campaigns.c.completed,
             campaigns.c.failures,
             campaigns.c.failed,
-            ended.c.doubtful,
+            ended.c.unresolved,
             instance_hours.label("hours"),
             spent_usd.label("usd"),
             judges_failures.label("judges_failures"),
@@ -248,7 +228,7 @@ def _select_pools() -> sa.Select[*tuple[Any, ...]]:
             sa.func.sum(facts.completed).label("completed"),
             sa.func.sum(facts.failures).label("failures"),
             sa.func.sum(facts.failed).label("errored"),
-            sa.func.coalesce(sa.func.sum(sa.cast(facts.doubtful, sa.Integer)), 0).label(
+            sa.func.coalesce(sa.func.sum(sa.cast(facts.unresolved, sa.Integer)), 0).label(
                 "unresolved"
             ),
             sa.func.max(facts.judges_failures).label("judges_failures"),
@@ -341,10 +321,6 @@ class FigureStore:
     def __init__(self, database: Database, cached: CachedQueries) -> None:
         self._database = database
         self._cached = cached
-
-    def as_of(self, campaign: Campaign) -> AbstractContextManager[None]:
-        """Return a context in which questions about a campaign do not count its results again."""
-        return self._cached.as_of(campaign)
 
     def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
         """Return `EpisodeStore.totals` of several campaigns, by id."""

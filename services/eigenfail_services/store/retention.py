@@ -4,6 +4,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from eigenfail.errors import Conflict
 from eigenfail.values.campaign import FINAL_STATES
 from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
@@ -11,8 +12,8 @@ from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.errors import make_needed_error, make_running_error
-from eigenfail_services.store.events import append_event, describe_pruning
+from eigenfail_services.store.errors import make_running_error
+from eigenfail_services.store.events import append_event
 from eigenfail_services.store.references import find_noise_in_use
 from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 
@@ -84,7 +85,11 @@ class RetentionStore:
             # Creating a campaign or an analysis needs a lock on the campaigns that it names, so no
             # new use begins after this check.
             if campaign in find_noise_in_use(connection, campaign):
-                raise make_needed_error(campaign)
+                raise Conflict(
+                    "A campaign or an analysis that has not ended needs the noise of campaign "
+                    f"{campaign}.",
+                    "Wait for its end, or cancel it.",
+                )
             found = _next_slice(connection, campaign, rule, begun)
             if not found:
                 return None
@@ -146,7 +151,11 @@ def _begin_pruning(connection: sa.Connection, campaign: int, rule: Retention, wh
     nothing = {"through": -1, "episodes": 0, "scenes": 0, "bytes": 0}
     statement = sa.insert(prunings).values(pruned_ms=now_ms(), who=who, **values, **nothing)
     begun: int = connection.execute(statement.returning(prunings.c.id)).scalar_one()
-    append_event(connection, "campaign.pruned", describe_pruning(campaign, rule, who), campaign)
+    message = (
+        f"{who} prunes campaign {campaign}: of its safe episodes with noise by {rule.source}, each "
+        f"{rule.keep_every}th keeps noise and scene. All rows and all failures stay."
+    )
+    append_event(connection, "campaign.pruned", message, campaign)
     return begun
 
 
@@ -164,6 +173,7 @@ def _delete_blobs(connection: sa.Connection, campaign: int, found: list[Any]) ->
 
 
 def _record_slice(connection: sa.Connection, begun: int, found: list[Any]) -> Pruning:
+    # With the deletion, in one transaction: noise that is missing without a record is a defect.
     c = prunings.c
     statement = sa.update(prunings).where(c.id == begun)
     change = statement.values(

@@ -82,6 +82,7 @@ class Roster:
 
     def _note(self, statement: Update, presences: Collection[int]) -> None:
         with self._database.writing() as connection:
+            # In portions: a fleet may have more workers than one statement takes parameters.
             for some in chunks(set(presences)):
                 connection.execute(statement.where(arrivals.c.id.in_(some)))
 

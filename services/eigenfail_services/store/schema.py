@@ -97,9 +97,9 @@ campaigns = sa.Table(
     sa.Column("digest", sa.Text),
     sa.Column("estimate", sa.Text),  # JSON
     sa.Column("trained_episodes", sa.Integer),
-    sa.Column("learning_s", sa.Double),
-    sa.Column("waiting_s", sa.Double),
-    sa.Column("discarded_s", sa.Double),
+    sa.Column("learning_s", sa.Double, nullable=False),
+    sa.Column("waiting_s", sa.Double, nullable=False),
+    sa.Column("discarded_s", sa.Double, nullable=False),
     sa.Column("suite", Prose),
     sa.Column("priority", sa.Text, nullable=False, server_default=Priority.NORMAL),
     sa.Column("parts", sa.Text),  # JSON
@@ -141,7 +141,7 @@ checkpoints = sa.Table(
     sa.Column("number", sa.BigInteger, primary_key=True, autoincrement=False),
     sa.Column("saved_ms", sa.BigInteger, nullable=False),
     sa.Column("state", sa.LargeBinary, nullable=False),
-    sa.Column("sha256", sa.Text),  # of the state
+    sa.Column("sha256", sa.Text, nullable=False),  # of the state
 )
 
 

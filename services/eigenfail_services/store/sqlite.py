@@ -206,15 +206,13 @@ class Sqlite(_SqliteErrors):
         """
         opened: OpenedFiles = connection.info[OPENED]
         now = _look(self._path)
-        if now.database != opened.database:
-            raise self._gone() if now.database is None else self._replaced()
+        self._refuse_exchange(now, opened)
         if now.size < opened.size and self._lacks_pages(now.size):
             raise StoreDamaged(
                 f"The database {self.label} is damaged: it was truncated from {opened.size} to "
                 f"{now.size} bytes.",
                 DAMAGED,
             )
-        self._compare_log(now, opened)
         connection.info[OPENED] = now
 
     def probe(self, _connection: sa.Connection) -> None:
@@ -262,24 +260,18 @@ class Sqlite(_SqliteErrors):
                 "start.",
             )
         if self._open_connections and self._last_opened:
-            self._compare_log(before, self._last_opened)
+            self._refuse_exchange(before, self._last_opened)
         uri = sqlite_uri(self._path, find_mode(self._path))
         connection = sqlite3.connect(uri, uri=True, timeout=wait_s, check_same_thread=False)
-        try:
-            self._recognize(before.database)
-        except StoreUnavailable:
+        now = _look(self._path)
+        # The file that was looked at before, and that was opened first, or the connection is none.
+        if now.database is None or not now.database == before.database == (
+            self._identity or now.database
+        ):
             connection.close()
-            raise
+            raise self._exchanged("")
+        self._identity = now.database
         return connection
-
-    def _recognize(self, before: Identity | None) -> None:
-        """Raise StoreUnavailable unless the file is the one that was opened first."""
-        now = _look(self._path).database
-        if now is None:
-            raise self._gone()
-        if now != before or now != (self._identity or now):
-            raise self._replaced()
-        self._identity = now
 
     def _lacks_pages(self, size: int) -> bool:
         """Return whether the file is shorter than its header says; VACUUM changes both.
@@ -296,31 +288,21 @@ class Sqlite(_SqliteErrors):
             return True
         return size < SMALLEST_PAGE
 
-    def _compare_log(self, now: OpenedFiles, opened: OpenedFiles) -> None:
-        """Raise StoreUnavailable unless write-ahead log and index are those that are open."""
-        if (now.wal, now.shm) != (opened.wal, opened.shm):
-            ending = WAL_ENDING if now.wal != opened.wal else SHM_ENDING
-            raise StoreUnavailable(
-                f"{_beside(self._path, ending)} was moved, deleted or replaced while the database "
-                "was in use: the last changes are not in the database itself yet.",
-                "Move it back, and the service goes on. Otherwise stop the service with Ctrl-C or "
-                "SIGTERM, never with kill -9: it then writes the changes to the database. Start "
-                "it again.",
-            )
+    def _refuse_exchange(self, now: OpenedFiles, opened: OpenedFiles) -> None:
+        """Raise StoreUnavailable unless database, write-ahead log and index are those opened."""
+        for ending, here, there in zip(("", WAL_ENDING, SHM_ENDING), now, opened, strict=False):
+            if here != there:
+                raise self._exchanged(ending)
 
-    def _gone(self) -> StoreUnavailable:
+    def _exchanged(self, ending: str) -> StoreUnavailable:
+        """Return the error for a file that is not the one that was opened."""
         return StoreUnavailable(
-            f"The database {self.label} was moved or deleted while it was in use.",
-            "Move it back, with its -wal and -shm, and the service goes on: nothing is taken until "
-            "then. If it was deleted, stop the service and put a backup in its place: "
-            "`eigenfail db restore BACKUP`.",
-        )
-
-    def _replaced(self) -> StoreUnavailable:
-        return StoreUnavailable(
-            f"The database {self.label} was replaced by another file while it was in use.",
-            "Put the file back that was there, and the service goes on; or start the service "
-            "again, to use the new one.",
+            f"{_beside(self._path, ending)} was moved, deleted or replaced while the database was "
+            "in use: nothing is taken until it is back.",
+            "Put it back, with the -wal and -shm beside it, and the service goes on. Otherwise "
+            "stop the service with Ctrl-C or SIGTERM, never with kill -9: the last changes may be "
+            "in the -wal alone. Put a backup in place of what was deleted, by `eigenfail db "
+            "restore BACKUP`, and start the service again.",
         )
 
     def _tuned(self, engine: sa.Engine, wait_s: float, *pragmas: str) -> sa.Engine:

@@ -45,19 +45,18 @@ _Column = NDArray[np.float64]
 
 _FAILED = sa.cast(is_failure, sa.Integer)
 
+_COMPLETED = episodes.c.outcome != Outcome.ERRORED
 
-_MAY_COLLIDE = (
+
+_IS_UNRESOLVED = (
+    episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2,
+    # The largest DRAC is no smaller than the last one: its index leads to the few candidates.
     episodes.c.max_drac_mps2 > records.PEAK_BRAKING_MPS2,
     # Without statistics SQLite would take the index of outcomes, and read every safe row.
     sa.func.coalesce(episodes.c.outcome, sa.null()) == Outcome.SAFE,
     episodes.c.collided_s.is_(None),
 )
-"""Conditions on the episodes among which the unresolved ones are."""
-
-_IS_DOUBTFUL = sa.or_(
-    episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2, episodes.c.final_drac_mps2.is_(None)
-)
-"""Further condition on those that are unresolved, or may be."""
+"""Conditions on episodes that ended when braking could no longer avoid a collision."""
 
 
 def _read_columns(
@@ -76,8 +75,8 @@ def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[Block
     """Return sums over blocks of `per` indices that have a completed episode, in index order."""
     query = (
         sa.select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
-        .add_columns(episodes.c.steps, sa.cast(sa.and_(*_MAY_COLLIDE, _IS_DOUBTFUL), sa.Integer))
-        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
+        .add_columns(episodes.c.steps, sa.cast(sa.and_(*_IS_UNRESOLVED), sa.Integer))
+        .where(episodes.c.campaign == campaign, _COMPLETED)
         # Rows are read in the order in which they were written, one behind the other, and are
         # sorted below.
         .order_by(episodes.c.finished_ms, episode_index)
@@ -91,9 +90,9 @@ def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[Block
     parts = zip(*(np.split(column, begins[1:]) for column in measured), strict=True)
     errored = _count_errored(connection, campaign, per)
     found = []
-    for place, (*summed, doubtful) in zip(blocks.astype(int).tolist(), parts, strict=True):
+    for place, (*summed, ended) in zip(blocks.astype(int).tolist(), parts, strict=True):
         totals = _sum_block(place * per, *summed)
-        unresolved = int((doubtful == 1.0).sum())
+        unresolved = int((ended == 1.0).sum())
         found.append(replace(totals, errored=errored[place], unresolved=unresolved))
     return found
 
@@ -155,7 +154,9 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTot
 
     Memory grows with the campaign by two numbers for each failure only.
     """
-    done = sa.select(sa.func.count(), sa.func.sum(_FAILED)).where(*_is_completed(campaign))
+    done = sa.select(sa.func.count(), sa.func.sum(_FAILED)).where(
+        episodes.c.campaign == campaign, _COMPLETED
+    )
     count, failures = connection.execute(done).one()
     crashed, severities = _read_columns(connection, _select_severities(campaign))
     every = max(1, ceil(len(crashed) / most))
@@ -172,7 +173,9 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTot
 
 def sample_severities(connection: sa.Connection, campaign: int, first: int) -> SeveritySample:
     """Return the severities of the failures from an index on."""
-    failed = sa.select(sa.func.sum(_FAILED)).where(*_is_completed(campaign), episode_index >= first)
+    failed = sa.select(sa.func.sum(_FAILED)).where(
+        episodes.c.campaign == campaign, _COMPLETED, episode_index >= first
+    )
     query = _select_severities(campaign).where(episode_index >= first)
     return SeveritySample(
         failures=connection.execute(failed).scalar_one() or 0,
@@ -194,10 +197,6 @@ def _count_violations(connection: sa.Connection, campaign: int) -> tuple[Require
 
 
 NOT_JUDGED = RequirementTotals(0, 0, None)
-
-
-def _is_completed(campaign: int) -> tuple[sa.ColumnElement[bool], ...]:
-    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED
 
 
 class _Threshold(NamedTuple):
@@ -222,7 +221,7 @@ _DRAC = _Threshold(
 
 def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> MeasureTotals:
     """Sum up a measure over the completed episodes that have it; an index holds them in order."""
-    inside = (*_is_completed(campaign), of.column.is_not(None))
+    inside = (episodes.c.campaign == campaign, _COMPLETED, of.column.is_not(None))
     query = sa.select(sa.func.count(), sa.func.count().filter(of.beyond), of.worst).where(*inside)
     count, beyond, worst = connection.execute(query).one()
     if not count:
@@ -261,9 +260,6 @@ def _read_points(
         for row in rows
         if row.severity is not None
     )
-
-
-_COMPLETED = episodes.c.outcome != Outcome.ERRORED
 
 
 def sum_spending(connection: sa.Connection, campaign: int, most: int) -> SpendingTotals:
@@ -309,15 +305,12 @@ def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tup
     return sa.select(*landed).where(chosen).order_by(landed.place)
 
 
-_TRIALS_CHUNK = 10_000
-"""Number of rows that are fetched at a time."""
-
 _TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 
 
 def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
     """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
+    inside = (episodes.c.campaign == campaign, _COMPLETED)
     count = connection.execute(sa.select(sa.func.count()).where(*inside)).scalar_one()
     place = sa.func.row_number().over(order_by=episode_index).label("place")
     ranked = sa.select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
@@ -325,7 +318,7 @@ def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
         sa.select(ranked.seed, ranked.outcome)
         .where((ranked.place - 1) % max(1, ceil(count / most)) == 0)
         .order_by(ranked.place)
-        .execution_options(yield_per=_TRIALS_CHUNK)
+        .execution_options(yield_per=_CHUNK)
     )
     rows = ((seed, outcome in FAILURES) for seed, outcome in connection.execute(query))
     found = np.fromiter(rows, _TRIAL)
@@ -334,16 +327,6 @@ def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
 
 _SUMMED = tuple(episodes.c[name] for name in ENDED_COLUMNS)
 """An index holds just these."""
-
-
-class _Ended(NamedTuple):
-    """Episodes whose end was unresolved, and episodes of which that is unknown."""
-
-    unresolved: int
-    perhaps: int
-
-
-_NONE_ENDED = _Ended(0, 0)
 
 
 def count_results(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, int]:
@@ -390,120 +373,81 @@ def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
         sa.func.count(drac_lead_s).label("drac_leads"),
     ).group_by(failures.campaign)
     failed = {found.campaign: found for found in connection.execute(query)}
-    near, ended = count_near_misses(connection, chosen), count_unresolved(connection, chosen)
-    allowed = _count_allowed(connection, chosen)
+    naming = _select_naming(chosen)
+    is_near = (has_no_collision, episodes.c.min_ttc_s < records.NEAR_MISS_TTC_S)
+    collided = episodes.c.collided_s.is_not(None)
+    near = _count_by_campaign(connection, chosen, *is_near)
+    # Collisions that no requirement forbids are no near misses. They are counted by themselves and
+    # taken off, so that the index of the smallest times alone answers the question before.
+    near.subtract(_count_by_campaign(connection, naming, *is_near, collided) if near else {})
+    allowed = _count_by_campaign(connection, naming, episodes.c.outcome == Outcome.SAFE, collided)
+    unresolved = _count_by_campaign(connection, chosen, *_IS_UNRESOLVED)
     faults = _find_frequent_faults(connection, chosen)
     return {
-        campaign: replace(
-            _to_totals(
-                failed.get(campaign),
-                near.get(campaign, 0),
-                ended.get(campaign, _NONE_ENDED),
-                allowed.get(campaign, 0),
+        campaign: _to_totals(
+            failed.get(campaign),
+            records.ConflictTotals(
+                near_misses=near[campaign],
+                unresolved=unresolved[campaign],
+                allowed=allowed[campaign],
             ),
-            fault=faults.get(campaign),
+            faults.get(campaign),
         )
         for campaign in chosen
     }
 
 
+_OF_FAILURES = ("failures", "log_probability", "steps", "severity", "first_failure")
+_OF_CLASSES = (
+    "unavoidable",
+    "planner_failures",
+    "unclassified",
+    "ttc_lead_s",
+    "ttc_leads",
+    "drac_lead_s",
+    "drac_leads",
+)
+
+
 def _to_totals(
-    found: sa.Row[*tuple[object, ...]] | None, near: int, ended: _Ended, allowed: int
+    found: sa.Row[*tuple[Any, ...]] | None,
+    safe: records.ConflictTotals,
+    fault: records.FrequentFault | None,
 ) -> records.Totals:
-    safe = records.ConflictTotals(
-        near_misses=near,
-        unresolved=ended.unresolved,
-        perhaps_unresolved=ended.perhaps,
-        allowed=allowed,
-    )
     if found is None:
-        return records.Totals(0, 0.0, 0, None, safe)
-    return records.Totals(
-        failures=found.failures,
-        log_probability=found.log_probability,
-        steps=found.steps,
-        severity=found.severity,
-        first_failure=found.first_failure,
-        conflicts=replace(
-            safe,
-            unavoidable=found.unavoidable,
-            planner_failures=found.planner_failures,
-            unclassified=found.unclassified,
-            ttc_lead_s=found.ttc_lead_s,
-            ttc_leads=found.ttc_leads,
-            drac_lead_s=found.drac_lead_s,
-            drac_leads=found.drac_leads,
-        ),
-    )
+        return records.Totals(0, 0.0, 0, None, safe, fault)
+    classes = replace(safe, **{name: getattr(found, name) for name in _OF_CLASSES})
+    sums = {name: getattr(found, name) for name in _OF_FAILURES}
+    return records.Totals(conflicts=classes, fault=fault, **sums)
 
 
-def _count_allowed(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, int]:
-    """Count the collisions that no requirement forbids, by campaign that names requirements."""
+def _count_by_campaign(
+    connection: sa.Connection,
+    chosen: Sequence[int] | sa.Select[int],
+    *where: sa.ColumnElement[bool],
+) -> Counter[int]:
+    """Count the episodes that meet all conditions by campaign."""
     query = (
         sa.select(episodes.c.campaign, sa.func.count())
-        .where(
-            episodes.c.campaign.in_(_select_naming(chosen)),
-            episodes.c.outcome == Outcome.SAFE,
-            episodes.c.collided_s.is_not(None),
-        )
+        .where(episodes.c.campaign.in_(chosen), *where)
         .group_by(episodes.c.campaign)
     )
-    return {row[0]: row[1] for row in connection.execute(query)}
+    return Counter({row[0]: row[1] for row in connection.execute(query)})
 
 
-def _select_naming(chosen: Sequence[int]) -> sa.Select[tuple[int]]:
-    """Select those of some campaigns that name requirements."""
+def _select_naming(chosen: Sequence[int]) -> sa.Select[int]:
+    """Select those of some campaigns that name requirements: others have no allowed collision."""
     return sa.select(campaigns.c.id).where(
         campaigns.c.id.in_(chosen), spec_field("requirements").is_not(None)
     )
 
 
-def count_near_misses(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, int]:
-    """Count near misses by campaign; an index holds just these.
-
-    Collisions that no requirement forbids are taken off: only campaigns that name requirements can
-    have some.
-    """
-    near = (
-        sa.select(episodes.c.campaign, sa.func.count())
-        .where(has_no_collision, episodes.c.min_ttc_s < records.NEAR_MISS_TTC_S)
-        .group_by(episodes.c.campaign)
-    )
-    of_chosen = near.where(episodes.c.campaign.in_(chosen))
-    found = {row[0]: row[1] for row in connection.execute(of_chosen)}
-    if not found:
-        return {}
-    naming = _select_naming(list(found))
-    collided = near.where(episodes.c.campaign.in_(naming), episodes.c.collided_s.is_not(None))
-    allowed = {row[0]: row[1] for row in connection.execute(collided)}
-    return {campaign: count - allowed.get(campaign, 0) for campaign, count in found.items()}
-
-
-def count_unresolved(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, _Ended]:
-    """Count episodes that ended when braking could no longer avoid a collision, by campaign.
-
-    The largest DRAC is no smaller than the last one: an index leads to the few candidates.
-    """
-    last = episodes.c.final_drac_mps2
-    query = (
-        sa.select(
-            episodes.c.campaign,
-            sa.func.count().filter(last > records.PEAK_BRAKING_MPS2),
-            sa.func.count().filter(last.is_(None)),
-        )
-        .where(episodes.c.campaign.in_(chosen), *_MAY_COLLIDE)
-        .group_by(episodes.c.campaign)
-    )
-    return {row[0]: _Ended(row[1], row[2]) for row in connection.execute(query)}
-
-
-def count_doubtful() -> sa.Subquery:
-    """Return the query that counts the episodes that are unresolved, or may be, by campaign."""
+def select_unresolved() -> sa.Select[int, int]:
+    """Select the number of unresolved episodes of each campaign that has some."""
     return (
-        sa.select(episodes.c.campaign, sa.func.count().label("doubtful"))
-        .where(*_MAY_COLLIDE, _IS_DOUBTFUL)
+        sa.select(episodes.c.campaign, sa.func.count().label("unresolved"))
+        .where(*_IS_UNRESOLVED)
         .group_by(episodes.c.campaign)
-        .subquery()
     )
 
 

@@ -1,37 +1,23 @@
-"""Backups of SQLite: a whole database in one file, and its restoration, all or nothing.
+"""Whole databases of SQLite: a backup in one file, its restoration, and free space given back.
 
-Both are SQLite's online backup. PostgreSQL has programs of its own, which users run themselves.
+Copies are SQLite's online backup. PostgreSQL has programs of its own, which users run themselves.
 """
 
 import os
 import sqlite3
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from sqlalchemy import (
-    column,
-    exists,
-    literal_column,
-    select,
-    table,
-)
-
 from eigenfail.addresses import sqlite_path, sqlite_uri
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
-from eigenfail.values.operations import Backup
+from eigenfail.values.operations import Backup, Vacuumed
+from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import find_backend, read_kind
 from eigenfail_services.store.migrate import refuse_unknown
 from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata
 from eigenfail_services.store.sqlite import find_mode
-
-HAS_ROWS: Mapping[str, str] = {
-    table.name: str(select(exists(select(literal_column("1")).select_from(table))))
-    for table in metadata.sorted_tables
-    if table is not event_counter
-}
-"""SQL that checks whether a table has a row, for all tables that are empty in a new database."""
 
 
 def _explain_no_backup(file: Path, why: str) -> InvalidValue:
@@ -39,8 +25,6 @@ def _explain_no_backup(file: Path, why: str) -> InvalidValue:
     remedy = "Specify a file created by `eigenfail db backup`."
     return InvalidValue("file", f"'{file}' is not an eigenfail backup: {why}.", remedy)
 
-
-SELECT_REVISION = str(select(column("version_num")).select_from(table(VERSION_TABLE)))
 
 LOCK_TIMEOUT_S = 1.0
 """Time for other programs to release the database before it counts as in use."""
@@ -51,13 +35,6 @@ FILE_SUFFIXES = ("", "-wal", "-shm", "-journal")
 SELECT_TABLES = (
     "SELECT name FROM sqlite_master WHERE type = 'table' AND substr(name, 1, 7) <> 'sqlite_'"
 )
-
-
-def _is_same_file(one: Path, other: Path) -> bool:
-    """Return whether two paths lead to the same file, whether or not it exists."""
-    if one.exists() and other.exists():
-        return one.samefile(other)
-    return one.resolve() == other.resolve()
 
 
 def open_sqlite(path: Path, mode: str, wait_s: float = 5.0) -> sqlite3.Connection:
@@ -96,8 +73,10 @@ def _refuse_foreign_tables(path: Path, connection: sqlite3.Connection) -> None:
 
 def _refuse_rows(path: Path, connection: sqlite3.Connection) -> None:
     """Raise Conflict if a table has a row."""
-    names = HAS_ROWS.keys() & {name for (name,) in connection.execute(SELECT_TABLES)}
-    if any(connection.execute(HAS_ROWS[name]).fetchone()[0] for name in names):
+    # The counter of events has its row from the first migration on.
+    names = metadata.tables.keys() - {event_counter.name}
+    found = {name for (name,) in connection.execute(SELECT_TABLES)} & names
+    if any(connection.execute(f'SELECT 1 FROM "{name}" LIMIT 1').fetchone() for name in found):  # noqa: S608 - names of ours
         raise Conflict(
             f"{path} is not empty.",
             "Restore into another one, or add --force: the contents of this one are then lost.",
@@ -116,7 +95,9 @@ def translate_sqlite_errors(what: str) -> Iterator[None]:
     """
     remedies = {
         sqlite3.SQLITE_BUSY: "Stop the service that uses it, and whatever else has it open.",
-        sqlite3.SQLITE_FULL: "Make room on the disk, and try again.",
+        sqlite3.SQLITE_FULL: (
+            "Make room on the disk, and try again; SQLITE_TMPDIR may name a folder on another."
+        ),
         sqlite3.SQLITE_NOTADB: "Move the damaged file away, with its -wal and -shm, and try again.",
     }
     try:
@@ -190,6 +171,41 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
     return Backup(backend.label, str(file), file.stat().st_size, revision)
 
 
+def vacuum(address: str) -> Vacuumed:
+    """Give the space of deleted rows back to the disk.
+
+    SQLite copies the database into a new file: it must not be in use meanwhile, and there must be
+    room for both.
+
+    Raises:
+        InvalidValue: the address is invalid.
+        Conflict: this is PostgreSQL's, which gives space back by itself.
+        StoreUnavailable: there is no database, or it does not answer.
+        SchemaMismatch: its schema is not this program's.
+        ServiceError: the database is in use, or there is no room to work in.
+    """
+    path = _find_path(address, 'psql --command="VACUUM (ANALYZE)" DATABASE')
+    # Opening it refuses a database that is not this program's, before its file is rewritten.
+    open_store(address, migrate=False).close()
+    before = _measure(path)
+    with (
+        translate_sqlite_errors(f"{path} was not changed"),
+        closing(open_sqlite(path, "rw", LOCK_TIMEOUT_S)) as connection,
+    ):
+        # SQLite refuses to change the mode of a database that another program has open. Without
+        # this, writers of a running service would wait in vain for minutes.
+        connection.execute("PRAGMA journal_mode = DELETE")
+        connection.execute("VACUUM")
+        connection.execute("PRAGMA journal_mode = WAL")
+    return Vacuumed(find_backend(address).label, before, _measure(path))
+
+
+def _measure(path: Path) -> int:
+    """Return the size of a database with what lies beside it. [bytes]"""
+    files = (path.with_name(path.name + ending) for ending in FILE_SUFFIXES)
+    return sum(file.stat().st_size for file in files if file.exists())
+
+
 def _find_path(address: str, instead: str) -> Path:
     """Return the path of a SQLite database.
 
@@ -199,7 +215,7 @@ def _find_path(address: str, instead: str) -> Path:
     if read_kind(address) == "sqlite":
         return sqlite_path(address)
     raise Conflict(
-        "PostgreSQL is backed up and restored by its own programs.",
+        "PostgreSQL has programs of its own for this.",
         f"Run: {instead} (see docs/deployment.md, Backups).",
     )
 
@@ -225,7 +241,7 @@ def _read_revision(file: Path) -> str:
     try:
         with closing(open_backup(file)) as source:
             _refuse_damage(source)
-            (found,) = source.execute(SELECT_REVISION).fetchone()
+            (found,) = source.execute(f"SELECT version_num FROM {VERSION_TABLE}").fetchone()  # noqa: S608 - a name of ours
             return str(found)
     except (sqlite3.Error, TypeError) as error:
         raise _explain_no_backup(file, str(error)) from error
@@ -262,9 +278,11 @@ def _refuse_existing(file: Path, path: Path, force: bool) -> None:
 
 def belongs_to(path: Path, file: Path) -> bool:
     """Return whether a file is that of a database, or a companion file of SQLite."""
-    whole = path.resolve()
-    return any(
-        _is_same_file(file, whole.with_name(whole.name + ending)) for ending in FILE_SUFFIXES
+    whole, named = path.resolve(), file.resolve()
+    own = [whole.with_name(whole.name + ending) for ending in FILE_SUFFIXES]
+    # A hard link has another path, and a file that does not exist yet has a path alone.
+    return named in own or any(
+        each.exists() and file.exists() and each.samefile(file) for each in own
     )
 
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eigenfail.cli.answers import prints_answer
-from eigenfail.cli.options import Data, Database, Repair, Replay
+from eigenfail.cli.options import Data, Database, Replay
 from eigenfail.cli.render import CommandResult
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
@@ -107,14 +107,14 @@ def check(url: str) -> CommandResult:
 
 @app.command()
 @prints_answer("Verifying the database", opened_by=name_database)
-def verify(url: str, replay: Replay = 0, repair: Repair = False) -> CommandResult:
+def verify(url: str, replay: Replay = 0) -> CommandResult:
     """Verify the contents of a database; exit with 1 if there are defects.
 
     A service may use it meanwhile.
     """
     from eigenfail_services.upkeep import verify as verification
 
-    found = verification.verify(url, replay, repair=repair)
+    found = verification.verify(url, replay)
     return CommandResult(
         found, lambda: _draw_verification(found), DEFECTS_FOUND if found.defects else 0
     )
@@ -167,10 +167,10 @@ def prune(
     may use the database meanwhile. Freed space is reused; `eigenfail db vacuum` returns it to
     the disk.
     """
-    from eigenfail_services.upkeep import maintenance
+    from eigenfail_services.upkeep import pruning
 
-    act = maintenance.rehearse if dry_run else maintenance.prune
-    which = maintenance.PruneSelection(tuple(campaigns), older_than)
+    act = pruning.rehearse if dry_run else pruning.prune
+    which = pruning.PruneSelection(tuple(campaigns), older_than)
     kept = _retention(keep_every, source)
     with announce("Counting what would be removed" if dry_run else "Removing noise and scenes"):
         found = act(url, kept, which)
@@ -180,14 +180,14 @@ def prune(
 @app.command()
 @prints_answer("Returning free space to the disk", opened_by=claim_database)
 def vacuum(url: str) -> CommandResult:
-    """Return free space inside a database to the disk.
+    """Return free space inside a SQLite database to the disk.
 
     SQLite rewrites the file: stop the service first, and leave room for a second copy.
-    With PostgreSQL the service may keep running.
+    For PostgreSQL, use VACUUM.
     """
-    from eigenfail_services.upkeep import maintenance as vacuuming
+    from eigenfail_services.upkeep import backup as backups
 
-    done = vacuuming.vacuum(url)
+    done = backups.vacuum(url)
     freed = max(0, done.bytes_before - done.bytes_after)
     words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."
     return CommandResult(done, lambda: escape(words))
@@ -208,8 +208,7 @@ def _retention(keep_every: int, source: str) -> operations.Retention:
 
 
 def _draw_verification(found: operations.Verification) -> Group:
-    mended, defects = map(Text, found.mended), map(Text, _list_defects(found))
-    return Group(*mended, _draw_checks(found.checks), *defects)
+    return Group(_draw_checks(found.checks), *map(Text, _list_defects(found)))
 
 
 def _draw_checks(checks: tuple[operations.Check, ...]) -> Table:

@@ -1,4 +1,4 @@
-"""Verification of a database, and repair of defects that are safe to repair.
+"""Verification of a database: what is wrong, where, and what to do.
 
 Each check is one statement whose rows are defects, so that a service may write meanwhile. Stored
 episodes are replayed in processes of their own, one for each campaign: what a planner changes in
@@ -18,16 +18,14 @@ from sqlalchemy.exc import DatabaseError
 
 from eigenfail import errors, functions, replays
 from eigenfail.values.analysis import AnalysisState
-from eigenfail.values.campaign import FINAL_STATES, Campaign, Counts
+from eigenfail.values.campaign import FINAL_STATES
 from eigenfail.values.episode import EpisodeTask, Outcome
 from eigenfail.values.operations import DRAWN_AGAIN, Check, Defect, Verification
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.store import Store
 from eigenfail_services.store import migrate as schema
-from eigenfail_services.store.campaign_rows import count_columns, lock_campaign
 from eigenfail_services.store.engine import Database, find_backend, read_kind
-from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import LEASE_OVER, NOT_DEAD, SUBJECTS
 from eigenfail_services.store.references import NOISE_PRUNED
 from eigenfail_services.store.retention import NOISE
@@ -47,7 +45,6 @@ from eigenfail_services.store.schema import (
 AT_A_TIME = 500
 """Number of rows in memory at a time."""
 
-REPAIR = "eigenfail db verify --repair"
 RESTORE = "Restore a backup: eigenfail db restore."
 ENDED_STATES: Mapping[JobKind, frozenset[str]] = {
     JobKind.CAMPAIGN: frozenset(FINAL_STATES),
@@ -119,30 +116,22 @@ def _check_counts(connection: sa.Connection) -> Iterator[Defect]:
             f"{found.rows_ended - found.rows_failed} completed, {found.rows_failed} errored, "
             f"{found.rows_failures} failures"
         )
-        mendable = found.rows_ended <= found.planned
-        yield Defect(
-            f"campaign {found.id}",
-            f"It counts {stored}, {found.cancelled} cancelled; its rows are {there}.",
-            f"Recount: {REPAIR}." if mendable else f"More rows than planned. {RESTORE}",
-        )
-
-
-def _select_open_but_ended() -> sa.Select[Any]:
-    """Select the campaigns that have ended with open episodes."""
-    total = campaigns.c.completed + campaigns.c.failed + campaigns.c.cancelled
-    return sa.select(campaigns).where(
-        campaigns.c.state.in_(FINAL_STATES), total != campaigns.c.planned
-    )
+        problem = f"It counts {stored}, {found.cancelled} cancelled; its rows are {there}."
+        yield Defect(f"campaign {found.id}", problem, RESTORE)
 
 
 def _check_ended(connection: sa.Connection) -> Iterator[Defect]:
     """Yield campaigns that have ended with open episodes."""
-    for found in _iterate_rows(connection, _select_open_but_ended().order_by(campaigns.c.id)):
+    total = campaigns.c.completed + campaigns.c.failed + campaigns.c.cancelled
+    wrong = sa.select(campaigns).where(
+        campaigns.c.state.in_(FINAL_STATES), total != campaigns.c.planned
+    )
+    for found in _iterate_rows(connection, wrong.order_by(campaigns.c.id)):
         left = found.planned - found.completed - found.failed - found.cancelled
         yield Defect(
             f"campaign {found.id}",
             f"It is {found.state}, and {left} of its episodes are open.",
-            f"Count them as cancelled: {REPAIR}.",
+            RESTORE,
         )
 
 
@@ -165,7 +154,7 @@ def _check_jobs(connection: sa.Connection) -> Iterator[Defect]:
             yield Defect(
                 f"job {found.id}",
                 f"It is for {kind} {found.subject}, which has ended or is no more.",
-                f"It is removed at the next start of a service, or by {REPAIR}.",
+                "It is removed at the next start of a service.",
             )
 
 
@@ -252,78 +241,6 @@ CHECKS = (
 )
 
 
-EVENT = "database.mended"
-
-
-def repair_database(database: Database) -> tuple[str, ...]:
-    """Repair all defects that are safe to repair, in one transaction, and log an event.
-
-    A service may use the database meanwhile: a campaign is locked while it is counted.
-
-    Returns:
-        A sentence for each repair.
-    """
-    with database.writing() as connection:
-        done = (*_recount_campaigns(connection), *_delete_jobs(connection))
-        if done:
-            append_event(connection, EVENT, f"The database was repaired. {' '.join(done)}")
-    return done
-
-
-def _recount_campaigns(connection: sa.Connection) -> Iterator[str]:
-    """Count the rows of campaigns with wrong counts again; yield a sentence for each."""
-    suspects = {
-        found.id
-        for query in (_select_miscounted(), _select_open_but_ended())
-        for found in connection.execute(query)
-    }
-    # Two repairs at a time lock campaigns in one order, so that they do not wait for each other.
-    for suspect in sorted(suspects):
-        # The counts may have changed before the lock, so the rows are counted again under it.
-        campaign = lock_campaign(connection, suspect)
-        counts = _count_campaign(connection, campaign)
-        # The schema refuses more ended episodes than planned, so such counts cannot be corrected
-        # here.
-        if counts.completed + counts.errored > counts.planned or counts == campaign.counts:
-            continue
-        change = sa.update(campaigns).where(campaigns.c.id == suspect)
-        connection.execute(change.values(**count_columns(counts)))
-        yield (
-            f"Campaign {suspect} was recounted: {counts.completed} completed, "
-            f"{counts.errored} errored, {counts.failures} failures, {counts.cancelled} cancelled."
-        )
-
-
-def _count_campaign(connection: sa.Connection, campaign: Campaign) -> Counts:
-    """Return the counts of a campaign by its rows; one that has ended has no open episodes."""
-    of_outcome = episodes.c.outcome
-    ended, errored, failures = connection.execute(
-        sa.select(
-            sa.func.count(),
-            sa.func.count().filter(of_outcome == Outcome.ERRORED),
-            sa.func.count().filter(is_failure),
-        ).where(episodes.c.campaign == campaign.id)
-    ).one()
-    planned = campaign.counts.planned
-    return Counts(
-        planned=planned,
-        completed=ended - errored,
-        failures=failures,
-        errored=errored,
-        cancelled=planned - ended if campaign.state in FINAL_STATES else 0,
-        # Duplicates have no rows to be counted.
-        duplicates=campaign.counts.duplicates,
-    )
-
-
-def _delete_jobs(connection: sa.Connection) -> Iterator[str]:
-    """Delete free jobs whose subject has ended or does not exist; yield a sentence for each."""
-    for kind in ENDED_STATES:
-        removal = sa.delete(jobs).where(_is_left_over(kind)).returning(jobs.c.id, jobs.c.subject)
-        for job, subject in connection.execute(removal):
-            yield f"Job {job} for {kind} {subject} was removed."
-
-
 FINE = "ok"
 
 
@@ -407,6 +324,7 @@ def sample(
     sizes = [(campaign, size) for campaign, size in found if campaign not in left_out]
     ends = list(accumulate(size for _, size in sizes))
     total = ends[-1] if ends else 0
+    # Spread over all campaigns by their sizes: a large campaign is sampled more often.
     places = sorted({total * k // how_many for k in range(how_many)} if total else set())
     return [
         (campaign, index)
@@ -472,13 +390,12 @@ ROW_CHECKS: Mapping[str, Sequence[IntegrityCheck]] = {"sqlite": (REFERENCES,)}
 """Additional checks by kind of database; PostgreSQL enforces references itself."""
 
 
-def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> Verification:
+def verify(address: str, how_many_replays: int = 0) -> Verification:
     """Check a database, which a service may use meanwhile, in bounded memory.
 
     Args:
         address: address of the database; its schema must be this program's.
         how_many_replays: number of stored episodes to run again with the planners installed here.
-        repair: whether to repair first, in one transaction, the defects that are safe to repair.
 
     Raises:
         InvalidValue: the address is invalid.
@@ -497,11 +414,9 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
             return Verification(backend.label, checks)
         # The version is read after the pages were checked: a damaged file may hold any version.
         schema.ensure_newest(database, backend, migrate=False)
-        # The repair comes first, so that the checks report what is left.
-        mended = repair_database(database) if repair else ()
         more = (make_replay_check(database, how_many_replays),) if how_many_replays else ()
         checks += _run_checks(database, (*ROW_CHECKS.get(kind, ()), *CHECKS, *more))
-        return Verification(backend.label, checks, mended)
+        return Verification(backend.label, checks)
 
 
 def _describe_unreadable(error: errors.StoreDamaged) -> Check:

@@ -81,6 +81,7 @@ ROUTES = {
         GET /api/v1/campaigns/{campaign}/episodes
         GET /api/v1/campaigns/{campaign}/episodes.csv
         GET /api/v1/campaigns/{campaign}/episodes.ndjson
+        GET /api/v1/campaigns/{campaign}/episodes.parquet
         GET /api/v1/campaigns/{campaign}/episodes/{index}
         GET /api/v1/campaigns/{campaign}/episodes/{index}/explanation
         GET /api/v1/campaigns/{campaign}/episodes/{index}/recording
@@ -97,8 +98,6 @@ ROUTES = {
         GET /api/v1/costs
         GET /api/v1/events
         GET /api/v1/events/list
-        GET /api/v1/exports/{export}
-        GET /api/v1/exports/{export}/file
         GET /api/v1/failures
         GET /api/v1/methods
         GET /api/v1/methods/{name}
@@ -135,7 +134,6 @@ ROUTES = {
         POST /api/v1/campaigns/{campaign}/clone
         POST /api/v1/campaigns/{campaign}/episodes/{index}/replay
         POST /api/v1/campaigns/{campaign}/episodes/{index}/shrink
-        POST /api/v1/campaigns/{campaign}/exports
         POST /api/v1/campaigns/{campaign}/pause
         POST /api/v1/campaigns/{campaign}/priority
         POST /api/v1/campaigns/{campaign}/resume

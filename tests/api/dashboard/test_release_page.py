@@ -58,7 +58,7 @@ def test_a_bounded_number_of_scenarios_is_compared(store, http, monkeypatch):
 
 def test_releases_of_a_search_have_a_page(store, check_page):
     release(store, "v1", {"late": 17, "hard": 5}, method="ast", left_out=21, passes=40)
-    store.triage.change(1, 1, TriageChange(state=TriageState.CONFIRMED), "me")
+    store.analyses.change_triage(1, 1, TriageChange(state=TriageState.CONFIRMED), "me")
     store.analyses.rename_mode(1, 2, "late")
     alike = {"noise_silhouette": 0.9}
     newest = release(store, "v2", {"hard": 4}, method="ast", seed=1, passes=9, result=alike)

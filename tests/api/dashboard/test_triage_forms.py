@@ -27,7 +27,7 @@ def address(made):
 @pytest.fixture
 def seen(store, made):
     """Reads the triage of the mode."""
-    return lambda: store.triage.get(made[1], 2)
+    return lambda: store.analyses.get_triage(made[1], 2)
 
 
 def send(http, path, **fields):
@@ -59,7 +59,7 @@ def test_other_pages_show_the_state_of_a_mode(http, store, made):
     told = ("State of the mode: known.", "Triage: known")
     for page, words in zip(pages, told, strict=True):
         assert words not in http.get(page, headers=HTML).text
-    store.triage.change(analysis, mode.number, TriageChange(state="known"), "ben")
+    store.analyses.change_triage(analysis, mode.number, TriageChange(state="known"), "ben")
     for page, words in zip(pages, told, strict=True):
         assert http.get(page, headers=HTML).text.count(words) == 1
 
@@ -68,7 +68,7 @@ def test_a_page_that_was_opened_before_another_change_overwrites_nothing(
     http, store, made, address, seen
 ):
     page = http.get(address, headers=HTML).text
-    store.triage.change(made[1], 2, TriageChange(note="of ben"), "ben")
+    store.analyses.change_triage(made[1], 2, TriageChange(note="of ben"), "ben")
     fields = {"state": "confirmed", "ticket": "", "note": "late"}
     answer = send(http, f"{address}/triage", **fields, **read_version(page))
     assert answer.status_code == 409
@@ -123,5 +123,5 @@ def test_a_form_of_another_site_is_refused(http, address, seen):
 
 
 def test_pages_show_triage(check_page, store, made, address):
-    store.triage.change(made[1], 2, TriageChange(note="as in release 7"), "anna")
+    store.analyses.change_triage(made[1], 2, TriageChange(note="as in release 7"), "anna")
     check_page("dashboard/triage/mode", address)

@@ -227,15 +227,15 @@ def test_without_settings_nothing_else_is_checked(examine, planner, words):
 @pytest.mark.parametrize(
     ("words", "refused"),
     [
-        (("--planner", "idm", "--repair"), "--repair: cannot be combined with --planner"),
+        (("--planner", "idm", "--replay", "3"), "--replay: cannot be combined with --planner"),
         (("--scenario", "cut_in", "--replay", "3"), "--replay: cannot be combined with --scenario"),
         (
             ("--bridge", "tcp://127.0.0.1:1", "--planner", "idm"),
             "--planner: cannot be combined with",
         ),
         (
-            ("--bridge", "tcp://127.0.0.1:1", "--repair"),
-            "--repair: cannot be combined with --bridge",
+            ("--bridge", "tcp://127.0.0.1:1", "--replay", "3"),
+            "--replay: cannot be combined with --bridge",
         ),
     ],
 )

@@ -39,7 +39,7 @@ def test_an_address_that_is_none_is_wrong_usage(eigenfail):
     assert "Write it as sqlite:///" in told.stderr
 
 
-def test_what_is_wrong_is_said_with_the_way_out_and_mended_if_asked(eigenfail, tmp_path):
+def test_what_is_wrong_is_said_with_the_way_out(eigenfail, tmp_path):
     folder = DataFolder(tmp_path)
     with closing(open_store(folder.database)) as store:
         deliver(store, running(store), result(0), result(1))
@@ -58,12 +58,6 @@ def test_what_is_wrong_is_said_with_the_way_out_and_mended_if_asked(eigenfail, t
     checked = eigenfail("doctor", "--database", folder.database)
     assert checked.exit_code == 3
     assert re.search(r"wrong database +sqlite.*: 1 defects +eigenfail db verify", checked.stdout)
-
-    mended = eigenfail("db", "verify", "--data", tmp_path, "--repair")
-    assert mended.exit_code == 0
-    assert mended.stdout.startswith("Campaign 1 was recounted: 2 completed")
-    found = json.loads(eigenfail("db", "verify", "--data", tmp_path, "--json").stdout)
-    assert [check["defects"] for check in found["checks"]] == [0] * len(found["checks"])
 
 
 def test_a_backup_is_made_and_restored(eigenfail, tmp_path):

@@ -1,4 +1,4 @@
-"""`eigenfail doctor` on a database: its accounts, its replays, and what is mended."""
+"""`eigenfail doctor` on a database: its accounts and its replays."""
 
 import json
 import sqlite3
@@ -55,37 +55,32 @@ def wrong(found):
     return {what for what, finding in found.items() if finding["wrong"]}
 
 
-def test_accounts_are_checked_and_mended_if_asked(doctor, folder):
+def test_accounts_are_checked(doctor, folder):
     assert doctor()[0] == 0
     change(folder, "UPDATE campaigns SET completed = 1")
     code, found = doctor()
     assert (code, wrong(found)) == (3, {"database", "database: accounts"})
-    assert "--repair mends" in found["database"]["remedy"]
-    code, found = doctor("--repair")
-    assert (code, wrong(found)) == (0, set())
-    assert found["database: repaired"]["found"].startswith("Campaign 1 was recounted: 4 completed")
-    assert doctor()[0] == 0
+    assert "eigenfail db verify" in found["database"]["remedy"]
 
 
-def test_an_episode_that_no_longer_replays_is_found_and_is_not_mended(doctor, folder):
+def test_an_episode_that_no_longer_replays_is_found(doctor, folder):
     code, found = doctor("--replay", PLANNED)
     assert (code, wrong(found)) == (0, set())
     assert "4 episodes, run again, have the same digest" in found["database: replays"]["found"]
     change(folder, 'UPDATE episodes SET robustness_m = robustness_m + 1 WHERE "index" = 2')
     assert "database: replays" not in doctor()[1]
-    code, found = doctor("--replay", PLANNED, "--repair")
+    code, found = doctor("--replay", PLANNED)
     assert (code, wrong(found)) == (3, {"database", "database: replays"})
 
 
-@pytest.mark.parametrize("words", [("--repair",), ("--replay", "3")])
-def test_without_a_database_there_is_nothing_to_mend_or_to_replay(eigenfail, words):
-    told = eigenfail("doctor", *words)
+def test_without_a_database_there_is_nothing_to_replay(eigenfail):
+    told = eigenfail("doctor", "--replay", "3")
     assert told.exit_code == 2
     assert "Give --database" in str(told.exception) + told.stderr
 
 
 def test_one_that_is_not_there_is_wrong_with_a_way_out(eigenfail, tmp_path):
-    told = eigenfail("doctor", "--json", "--database", f"sqlite:///{tmp_path}/none.db", "--repair")
+    told = eigenfail("doctor", "--json", "--database", f"sqlite:///{tmp_path}/none.db")
     (found,) = [each for each in json.loads(told.stdout) if each["what"] == "database"]
     assert told.exit_code == 3
     assert "eigenfail db upgrade" in found["remedy"]

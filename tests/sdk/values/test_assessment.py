@@ -92,18 +92,15 @@ def test_near_misses(min_ttc_s: float | None, conflict: ConflictClass) -> None:
         (22.0, 7.0, False),
         (22.0, 7.01, True),
         (22.0, 0.0, False),
-        # an older release told the largest alone: it settles the last one only where it is small
-        (7.0, None, False),
-        (7.01, None, None),
     ],
 )
 def test_the_last_step_says_whether_the_end_came_before_the_collision(
-    largest_mps2: float | None, last_mps2: float | None, unresolved: bool | None
+    largest_mps2: float | None, last_mps2: float | None, unresolved: bool
 ) -> None:
     measures = Measures(1.3, None, 0.3, largest_mps2, final_drac_mps2=last_mps2)
     found = assess(Outcome.SAFE, measures)
     assert found == Assessment(ConflictClass.NEAR_MISS, unresolved=unresolved)
-    assert (found.words == "near miss, unresolved at the horizon") == (unresolved is True)
+    assert (found.words == "near miss, unresolved at the horizon") == unresolved
     assert not assess(Outcome.COLLISION, measures).unresolved
 
 
@@ -121,7 +118,6 @@ def test_unresolved_is_what_the_brakes_could_not_stop(closing_mps: float, gap_m:
 def test_what_was_not_run_or_not_measured_has_no_class() -> None:
     assert assess(Outcome.ERRORED, CRASH) == assess(Outcome.SAFE, None)
     assert assess(Outcome.SAFE, None) == Assessment(unresolved=False)
-    assert msgspec.json.decode(b"{}", type=Assessment).unresolved is None
     assert Assessment().words == ""
     older = Measures(0.0, 144.0, 0.02, 300.0)
     assert assess(Outcome.COLLISION, older) == Assessment(unresolved=False)

@@ -267,7 +267,7 @@ def test_the_triage_of_the_newest_sighting_is_shown_and_what_was_fixed_is_noted(
     newest = release(store, "v2", {"late": 20}, seed=1)
 
     def mark(analysis, state):
-        store.triage.change(analysis, 1, TriageChange(state=state), "me")
+        store.analyses.change_triage(analysis, 1, TriageChange(state=state), "me")
         return make_release_table(store, newest.id)
 
     assert mark(2, TriageState.CONFIRMED).modes[0].state is TriageState.CONFIRMED

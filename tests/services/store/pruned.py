@@ -11,7 +11,7 @@ from eigenfail.values.operations import Retention
 from eigenfail.values.records import JobKind
 from eigenfail_services.store import Store
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.upkeep.maintenance import PruneSelection
+from eigenfail_services.upkeep.pruning import PruneSelection
 
 FIFTHS = Retention(keep_every=5)
 EVERYTHING = PruneSelection()

@@ -10,27 +10,25 @@ from eigenfail.testing.examples import collision, result
 from eigenfail.values.measures import Measures
 from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.store.totals import (
-    count_near_misses,
-    count_unresolved,
-    sum_campaigns,
+from eigenfail_services.store.totals import sum_campaigns
+
+INDEXES = (
+    "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s",
+    "INDEX ix_episodes_campaign_max_drac_mps2_index_outcome",
 )
 
-QUESTIONS = {
-    "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s": count_near_misses,
-    "INDEX ix_episodes_campaign_max_drac_mps2_index_outcome": count_unresolved,
-}
 
-
-@pytest.mark.parametrize("index", QUESTIONS)
+@pytest.mark.parametrize("index", INDEXES)
 def test_what_was_near_is_counted_in_an_index(sqlite_url, index) -> None:
     with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
         asked = []
         event.listen(connection, "before_cursor_execute", lambda *told: asked.append(told[2:4]))
-        assert QUESTIONS[index](connection, [1]) == {}
-        ((statement, given),) = asked
-        plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", given).all()
-    assert index in str(plan)
+        sum_campaigns(connection, [1])
+        plans = [
+            connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", given).all()
+            for statement, given in list(asked)
+        ]
+    assert any(index in str(plan) for plan in plans)
 
 
 def test_sums_do_not_depend_on_the_order_of_arrival(url) -> None:

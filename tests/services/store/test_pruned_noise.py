@@ -1,5 +1,6 @@
 """What is made of noise, where some of it was taken away: the same as before, or a refusal."""
 
+import io
 from contextlib import closing
 
 import pyarrow.parquet as pq
@@ -9,19 +10,19 @@ from store_checks.examples import WORKER, deliver, running
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue, NoisePruned
+from eigenfail.filters import BY_INDEX
 from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
-from eigenfail.values.export import ExportRequest
 from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import check_references, read_experience
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.comparison.comparability import pair_episodes
-from eigenfail_services.export_formats import make_export_source, write_parquet
+from eigenfail_services.export_formats import ExportSource, Selection, write_parquet
 from eigenfail_services.store import Store, open_store
-from eigenfail_services.upkeep.maintenance import PruneSelection, prune
+from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 
 
@@ -44,14 +45,13 @@ def test_failures_are_analysed_as_before(sqlite_url) -> None:
         assert first.scores.tobytes() == second.scores.tobytes()
 
 
-def test_an_export_with_noise_leaves_it_out_where_it_is_gone(sqlite_url, tmp_path) -> None:
+def test_an_export_with_noise_leaves_it_out_where_it_is_gone(sqlite_url) -> None:
     with closing(open_store(sqlite_url)) as store:
         fill(store)
         prune(sqlite_url, FIFTHS, EVERYTHING)
-        request = ExportRequest(fields=("index",), noise=True)
-        source = make_export_source(store, 1, request)
-        write_parquet(tmp_path / "a.parquet", source, lambda _: None, noise=True)
-    found = pq.read_table(tmp_path / "a.parquet").to_pydict()
+        source = ExportSource(store, 1, Selection((), BY_INDEX, ("index",)))
+        file = b"".join(write_parquet(source, noise=True))
+    found = pq.read_table(io.BytesIO(file)).to_pydict()
     noise = dict(zip(found["index"], found["longitudinal_z"], strict=True))
     there = [index for index, z in noise.items() if z is not None]
     assert there == sorted({*range(0, COUNT, 5), 11, 12, 13})

@@ -23,15 +23,15 @@ from eigenfail_services.store import Store, open_store, retention
 from eigenfail_services.store.campaign_creation import create_campaign
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.retention import SLICE
-from eigenfail_services.upkeep import maintenance
-from eigenfail_services.upkeep.maintenance import PruneSelection, prune, rehearse
+from eigenfail_services.upkeep import pruning
+from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
 from eigenfail_services.upkeep.verify import verify
 
 PRUNE_AND_TELL = """
 import sys
 from eigenfail.values.operations import Retention
 from eigenfail_services.store import retention
-from eigenfail_services.upkeep import maintenance
+from eigenfail_services.upkeep import pruning
 retention.SLICE = 50
 recorded = retention._record_slice
 def slow(*arguments):
@@ -39,7 +39,7 @@ def slow(*arguments):
     print(record.through, flush=True)
     return record
 retention._record_slice = slow
-maintenance.prune(sys.argv[1], Retention(keep_every=5), maintenance.PruneSelection())
+pruning.prune(sys.argv[1], Retention(keep_every=5), pruning.PruneSelection())
 """
 
 
@@ -131,7 +131,7 @@ def test_a_replay_that_is_queued_meanwhile_keeps_what_is_left(filled, monkeypatc
 
     monkeypatch.setattr(retention, "SLICE", 3)
     played = SimpleNamespace(monotonic=float, sleep=queue_after_the_first_slice)
-    monkeypatch.setattr(maintenance, "time", played)
+    monkeypatch.setattr(pruning, "time", played)
     found = prune(filled, FIFTHS, EVERYTHING)
     assert (found.weight.episodes, found.in_use) == (3, (1,))
     with closing(open_store(filled)) as store:

@@ -43,7 +43,7 @@ def sealed(request, tmp_path, monkeypatch):
 
 def test_database_on_a_read_only_medium_is_verified(sealed, tmp_path):
     before = sorted(path.name for path in (tmp_path / "medium").iterdir())
-    checks = verify(sealed, 0, repair=False).checks
+    checks = verify(sealed).checks
     assert len(checks) > 5
     assert [check.name for check in checks if check.defects] == []
     assert sorted(path.name for path in (tmp_path / "medium").iterdir()) == before

@@ -1,29 +1,38 @@
 """Room that is given back."""
 
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from store_checks.examples import deliver, running
 
-from eigenfail.errors import SchemaMismatch, ServiceError, StoreUnavailable
+from eigenfail.errors import Conflict, SchemaMismatch, ServiceError, StoreUnavailable
 from eigenfail.testing.examples import result
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail_services.store import open_store, schema
-from eigenfail_services.upkeep import maintenance as module
-from eigenfail_services.upkeep.maintenance import PruneSelection, prune, vacuum
+from eigenfail_services.upkeep.backup import vacuum
+from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 
 COUNT = 1_000
 
 
-class Usage(NamedTuple):
-    """A disk."""
-
-    free: int
+SMALL_DISK = """
+import resource, signal, sys
+from eigenfail.errors import ServiceError
+from eigenfail_services.upkeep.backup import vacuum
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+_, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+try:
+    vacuum(sys.argv[1])
+except ServiceError as error:
+    print(error)
+"""
 
 
 def fill(url: str) -> None:
@@ -36,15 +45,13 @@ def fill(url: str) -> None:
     prune(url, Retention(keep_every=1_000), PruneSelection())
 
 
-def test_what_was_pruned_is_given_back(url) -> None:
-    fill(url)
-    done = vacuum(url)
-    assert done.bytes_after < done.bytes_before
-    if url.startswith("sqlite"):
-        assert done.bytes_before - done.bytes_after > COUNT * 200 * 2 * 2 * 4 * 0.9
-        assert Path(url.removeprefix("sqlite:///")).stat().st_size == done.bytes_after
-    assert verify(url).defects == 0
-    with closing(open_store(url)) as store:
+def test_what_was_pruned_is_given_back(sqlite_url) -> None:
+    fill(sqlite_url)
+    done = vacuum(sqlite_url)
+    assert done.bytes_before - done.bytes_after > COUNT * 200 * 2 * 2 * 4 * 0.9
+    assert Path(sqlite_url.removeprefix("sqlite:///")).stat().st_size == done.bytes_after
+    assert verify(sqlite_url).defects == 0
+    with closing(open_store(sqlite_url)) as store:
         assert store.campaigns.get(1).counts.completed == COUNT
 
 
@@ -59,38 +66,21 @@ def test_a_file_that_somebody_uses_is_left_alone(sqlite_url) -> None:
         assert store.campaigns.get(1)
 
 
-def test_a_server_is_swept_beside_a_service(prepared_postgres_url) -> None:
-    with closing(open_store(prepared_postgres_url)) as store:
-        running(store)
-        assert vacuum(prepared_postgres_url).bytes_after
-        assert store.campaigns.get(1)
+def test_a_server_is_swept_by_its_own_command(prepared_postgres_url) -> None:
+    with pytest.raises(Conflict, match="VACUUM"):
+        vacuum(prepared_postgres_url)
 
 
-def test_no_room_is_said_before_anything_is_begun(sqlite_url, monkeypatch, tmp_path) -> None:
-    vacuum(sqlite_url)  # Migrations leave free pages, which the copy does not need.
-    size = Path(sqlite_url.removeprefix("sqlite:///")).stat().st_size
-    monkeypatch.setattr(module, "disk_usage", lambda _: Usage(2 * size - 1))
-    monkeypatch.setenv("SQLITE_TMPDIR", str(tmp_path))
-    with pytest.raises(ServiceError, match=rf"needs {2 * size} bytes in {tmp_path}.*Make room"):
-        vacuum(sqlite_url)
-    monkeypatch.setattr(module, "disk_usage", lambda _: Usage(2 * size))
-    vacuum(sqlite_url)
-
-
-def test_the_copy_is_written_where_sqlite_writes_it(monkeypatch, tmp_path) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setenv("SQLITE_TMPDIR", str(tmp_path / "none"))
-    assert module._find_temporary_folder() == tmp_path
-    (tmp_path / "none").mkdir()
-    assert module._find_temporary_folder() == tmp_path / "none"
-
-
-def test_two_disks_need_room_each(tmp_path) -> None:
-    shm = Path("/dev/shm")
-    if not shm.exists() or shm.stat().st_dev == tmp_path.stat().st_dev:
-        pytest.skip("there is one disk")
-    assert module._list_needs(shm, 3, tmp_path, 4) == {shm: 3, tmp_path: 4}
-    assert module._list_needs(tmp_path, 3, tmp_path, 4) == {tmp_path: 7}
+def test_without_room_nothing_is_changed(sqlite_url) -> None:
+    fill(sqlite_url)
+    before = Path(sqlite_url.removeprefix("sqlite:///")).stat().st_size
+    done = subprocess.run(
+        [sys.executable, "-c", SMALL_DISK, sqlite_url], text=True, capture_output=True, check=False
+    )
+    assert "was not changed" in done.stdout, done.stderr
+    assert "has room" in done.stdout
+    assert verify(sqlite_url).defects == 0
+    assert vacuum(sqlite_url).bytes_after < before
 
 
 def test_what_is_not_there_or_of_another_schema_is_refused(sqlite_url, tmp_path) -> None:

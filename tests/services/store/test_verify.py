@@ -1,5 +1,4 @@
-"""A database held against what is promised: what is sound passes, every damage is named, and what
-can be told from the rows is mended."""
+"""A database held against what is promised: what is sound passes, and every damage is named."""
 
 from contextlib import closing
 from hashlib import sha256
@@ -66,7 +65,6 @@ def wrong(found: Verification) -> dict[str, Check]:
 def test_what_is_sound_passes(filled) -> None:
     found = verify(filled)
     assert found.defects == 0
-    assert found.mended == ()
     asked = {check.name for check in found.checks}
     assert asked == (FINE | {"file"} if filled.startswith("sqlite") else FINE - {"references"})
 
@@ -74,15 +72,13 @@ def test_what_is_sound_passes(filled) -> None:
 def test_a_service_may_use_the_database_meanwhile(filled) -> None:
     with closing(open_store(filled)) as store:
         assert verify(filled).defects == 0
-        assert verify(filled, repair=True).mended == ()
         assert store.campaigns.get(1).state is CampaignState.DONE
 
 
 @pytest.mark.fault(
     "damaged database file, row or count",
     group="storage",
-    outcome="`eigenfail db verify` finds it and says what to do. Counts and left-over jobs "
-    "are repaired with `--repair`; the rest needs a backup.",
+    outcome="`eigenfail db verify` finds it and says what to do: restore a backup.",
 )
 @pytest.mark.parametrize(
     ("damage", "check", "where", "told"),
@@ -105,28 +101,13 @@ def test_a_service_may_use_the_database_meanwhile(filled) -> None:
         (LEFT_OVER.format("analysis", 99), "jobs", "job", "analysis 99, which has ended"),
     ],
 )
-def test_what_the_rows_tell_is_found_and_mended(filled, damage, check, where, told) -> None:
+def test_what_the_rows_tell_is_found(filled, damage, check, where, told) -> None:
     change(filled, damage)
     before = wrong(verify(filled))
     assert list(before) == [check]
     (defect,) = before[check].shown
     assert where in defect.where
     assert told in defect.found
-    assert "--repair" in defect.remedy
-    with closing(open_store(filled)) as store:
-        counts, last = store.campaigns.get(1).counts, store.events.last()
-        assert verify(filled).mended == ()
-        assert (store.campaigns.get(1).counts, store.events.last()) == (counts, last)
-
-    after = verify(filled, repair=True)
-    assert after.defects == 0
-    assert len(after.mended) == 1
-    with closing(open_store(filled)) as store:
-        assert [store.campaigns.get(n).counts.completed for n in (1, 2)] == [2, 2]
-        assert [store.campaigns.get(n).counts.cancelled for n in (1, 2)] == [1, 0]
-        (event,) = store.events.after(last, 10)
-        assert event.kind == "database.mended"
-        assert after.mended[0] in event.message
 
 
 @pytest.mark.fault("damaged database file, row or count")
@@ -140,13 +121,12 @@ def test_what_the_rows_tell_is_found_and_mended(filled, damage, check, where, to
          "accounts", "campaign 1"),
     ],
 )  # fmt: skip
-def test_what_only_a_backup_can_tell_is_left_alone(filled, damage, check, where) -> None:
+def test_what_only_a_backup_can_tell_is_found(filled, damage, check, where) -> None:
     change(filled, damage)
-    for repair in (False, True):
-        found = verify(filled, repair=repair)
-        assert found.mended == ()
-        assert list(wrong(found)) == [check]
-        assert where in wrong(found)[check].shown[0].where
+    found = wrong(verify(filled))
+    assert list(found) == [check]
+    assert where in found[check].shown[0].where
+    assert "eigenfail db restore" in found[check].shown[0].remedy or check == "checkpoints"
 
 
 @pytest.mark.fault("damaged database file, row or count")
@@ -191,7 +171,7 @@ def test_a_damaged_file_is_looked_at_no_further_and_not_written_to(sqlite_url) -
     half = len(content) // 2
     content[half : half + 40_000] = b"\xff" * 40_000
     path.write_bytes(content)
-    found = verify(sqlite_url, repair=True)
+    found = verify(sqlite_url)
     assert [check.name for check in found.checks] == ["file"]
     assert found.defects
     assert "eigenfail db restore" in found.checks[0].shown[0].remedy

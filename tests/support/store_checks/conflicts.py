@@ -24,9 +24,9 @@ ASSESSED: tuple[tuple[Measures, ConflictClass | None], ...] = (
 CLOSE = (0.0, 1.25, 1.5, 1.75, None)
 """MinTTC of episodes without a collision, of which two are near misses. [s]"""
 
-ENDS = ((None, None), (7.0, None), (7.5, None), (9.0, 0.0), (9.0, 7.0), (9.0, 7.5), (30.0, 22.0))
-"""Largest DRAC, and that at the last step, of episodes without a collision: of the third nobody
-knows how it ended, and the last two were unresolved. [m/s²]
+ENDS = ((None, None), (7.0, 7.0), (7.5, 0.0), (9.0, 0.0), (9.0, 7.0), (9.0, 7.5), (30.0, 22.0))
+"""Largest DRAC, and that at the last step, of episodes without a collision: the last two were
+unresolved. [m/s²]
 """
 
 
@@ -69,7 +69,7 @@ def counts_conflicts(store: Store) -> None:
     found = store.episodes.totals(campaign.id).conflicts
     counted = (found.unavoidable, found.planner_failures, found.unclassified, found.near_misses)
     equal(counted, (2, 2, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
-    equal((found.unresolved, found.perhaps_unresolved), (2, 1), "Unresolved, perhaps unresolved")
+    equal(found.unresolved, 2, "Unresolved")
     assessed = [assess(each.outcome, each.measures) for each in given]
     ttc = [each.ttc_lead_s for each in assessed if each.ttc_lead_s is not None]
     drac = [each.drac_lead_s for each in assessed if each.drac_lead_s is not None]

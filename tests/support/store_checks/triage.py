@@ -20,20 +20,26 @@ def keeps_triage_of_modes(store: Store) -> None:
     """It is that of one mode of one analysis, and what a change leaves out stays as it is."""
     campaign = crashed(store)
     analysis, other = (analysed(store, campaign, analysis_result()) for _ in range(2))
-    equal(store.triage.get(analysis, 1), Triage(), "Triage before the first change")
-    first = store.triage.change(analysis, 1, CONFIRMED, "anna's key")
+    equal(store.analyses.get_triage(analysis, 1), Triage(), "Triage before the first change")
+    first = store.analyses.change_triage(analysis, 1, CONFIRMED, "anna's key")
     told = (first.state, first.ticket, first.note, first.changed_by)
     wanted = (TriageState.CONFIRMED, "", "It brakes late.\nÖ", "anna's key")
     equal(told, wanted, "The first change")
     later = TriageChange(ticket="https://tickets/7")
-    second = store.triage.change(analysis, 1, later, "another")
+    second = store.analyses.change_triage(analysis, 1, later, "another")
     wanted_later = replace(first, ticket="https://tickets/7", changed_by="another")
     equal(replace(second, changed_ms=first.changed_ms), wanted_later, "The second change")
-    equal(store.triage.get(analysis, 1), second, "Triage, asked for")
-    equal(store.triage.change(analysis, 1, later, "anna's key"), second, "The same change again")
-    equal(store.triage.get(analysis, 2), Triage(), "Triage of another mode")
-    equal(store.triage.get(other, 1), Triage(), "Triage of the mode of another analysis")
-    emptied = store.triage.change(analysis, 1, TriageChange(ticket="", note=""), "anna's key")
+    equal(store.analyses.get_triage(analysis, 1), second, "Triage, asked for")
+    equal(
+        store.analyses.change_triage(analysis, 1, later, "anna's key"),
+        second,
+        "The same change again",
+    )
+    equal(store.analyses.get_triage(analysis, 2), Triage(), "Triage of another mode")
+    equal(store.analyses.get_triage(other, 1), Triage(), "Triage of the mode of another analysis")
+    emptied = store.analyses.change_triage(
+        analysis, 1, TriageChange(ticket="", note=""), "anna's key"
+    )
     equal((emptied.ticket, emptied.note), ("", ""), "What was taken away")
 
 
@@ -42,7 +48,7 @@ def shows_states_in_lists(store: Store) -> None:
     campaign = crashed(store)
     analysis = analysed(store, campaign, analysis_result())
     digest = store.episodes.digest(campaign.id)
-    store.triage.change(analysis, 2, CONFIRMED, "anna")
+    store.analyses.change_triage(analysis, 2, CONFIRMED, "anna")
     for state, numbers in (
         (None, [1, 2]),
         (TriageState.NEW, [1]),
@@ -55,7 +61,9 @@ def shows_states_in_lists(store: Store) -> None:
     equal(mode.state, TriageState.CONFIRMED, "The mode of an episode")
     renamed = store.analyses.rename_mode(analysis, 2, "x")
     equal((renamed.name, renamed.state), ("x", TriageState.CONFIRMED), "The renamed mode")
-    equal(store.triage.get(analysis, 2).note, CONFIRMED.note, "The note of the renamed mode")
+    equal(
+        store.analyses.get_triage(analysis, 2).note, CONFIRMED.note, "The note of the renamed mode"
+    )
     equal(store.episodes.digest(campaign.id), digest, "The digest after triage")
 
 
@@ -64,9 +72,9 @@ def knows_no_strangers(store: Store) -> None:
     analysis = analysed(store, crashed(store), analysis_result())
     for parent, number in ((analysis, 3), *((each, 1) for each in BEYOND)):
         with expect_error(NotFound, f"Mode {number} of {parent} has triage."):
-            store.triage.get(parent, number)
+            store.analyses.get_triage(parent, number)
         with expect_error(NotFound, f"Mode {number} of {parent} was changed."):
-            store.triage.change(parent, number, CONFIRMED, "anna")
+            store.analyses.change_triage(parent, number, CONFIRMED, "anna")
 
 
 def loses_no_change_of_others(store: Store) -> None:
@@ -78,7 +86,7 @@ def loses_no_change_of_others(store: Store) -> None:
         def check(found: Triage) -> None:
             seen.append(found.note)
 
-        store.triage.change(analysis, 1, TriageChange(note=name), name, check)
+        store.analyses.change_triage(analysis, 1, TriageChange(note=name), name, check)
 
     names = [f"clerk {number}" for number in range(CLERKS)]
     clerks = [Thread(target=add, args=(name,)) for name in names]
@@ -86,7 +94,7 @@ def loses_no_change_of_others(store: Store) -> None:
         clerk.start()
     for clerk in clerks:
         clerk.join()
-    last = store.triage.get(analysis, 1).note
+    last = store.analyses.get_triage(analysis, 1).note
     equal(sorted([*seen, last]), sorted(["", *names]), "Notes that the changes have found")
     expect(last in names, f"The last note is of a clerk: {last}.")
 

@@ -173,7 +173,7 @@ def _collect_campaign(client: Client, campaign: int) -> CampaignRecord:
     facts = CampaignFacts(
         campaign=found,
         workers=_collect_workers(client, campaign),
-        unresolved=ended.count + ended.not_known,
+        unresolved=ended.count,
     )
     noise = tuple(_collect_noise(client, found, episodes))
     return CampaignRecord(facts=facts, table=table, noise=noise)

@@ -16,7 +16,7 @@ from eigenfail_assurance.risk.question import CampaignReference, RiskQuestion, R
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.analysis_jobs import find_first_samples
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
-from eigenfail_services.campaigns.summary import count_doubtful, find_failure_rate
+from eigenfail_services.campaigns.summary import count_unresolved, find_failure_rate
 from eigenfail_services.store import Store
 
 PAGE = 100
@@ -265,14 +265,14 @@ def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
 
 def _sum_unresolved(store: Store, campaigns: Sequence[Campaign]) -> int:
     """Return the number of episodes that ended unresolved, or of which that is not known."""
-    return sum(count_doubtful(store, each) for each in campaigns)
+    return sum(count_unresolved(store, each) for each in campaigns)
 
 
 def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:
     """Yield how episodes are counted that ended while no braking could avoid a collision."""
     drawn = [each for each in campaigns if traits_of(each.spec.method).draws_from_prior]
     other = [each for each in campaigns if each not in drawn]
-    ended = "ended unresolved, or may have: braking could not avoid a collision any more"
+    ended = "ended unresolved: braking could not avoid a collision any more"
     if number := _sum_unresolved(store, drawn):
         yield f"{number:,} episodes {ended}. They count as failures in the upper bounds."
     if number := _sum_unresolved(store, other):

@@ -146,7 +146,7 @@ def read_anchor(
         summary = client.campaigns.summary(campaign.id)
         probability = summary.failure_rate.value if summary.failure_rate else None
         ended = summary.unresolved
-        bounds = bound_sampled(campaign, error, ended.count + ended.not_known)
+        bounds = bound_sampled(campaign, error, ended.count)
     else:
         probability, bounds, problem = _read_estimate(campaign.estimate, error)
     return search.Anchor(

@@ -108,7 +108,7 @@ def read(campaign, ended=None):
 def test_unresolved_episodes_count_against_the_target():
     campaign = make_campaign(Counts(1000, 1000, 1))
     assert read(campaign).bounds == bound_sampled(campaign, 0.01)
-    anchor = read(campaign, Unresolved(count=12, not_known=3, horizon_s=18.0))
+    anchor = read(campaign, Unresolved(count=15, horizon_s=18.0))
     assert anchor.bounds.low == find_lower_bound(1, 1000, 0.01)
     assert anchor.bounds.high == find_upper_bound(16, 1000, 0.01)
     assert (read(campaign).verdict, anchor.verdict) == (
@@ -116,7 +116,7 @@ def test_unresolved_episodes_count_against_the_target():
         AnchorVerdict.UNDECIDED,
     )
     # No more can have failed than there were.
-    assert read(campaign, Unresolved(not_known=1000)).bounds.high == 1.0
+    assert read(campaign, Unresolved(count=1000)).bounds.high == 1.0
 
 
 def estimate_of(**given):

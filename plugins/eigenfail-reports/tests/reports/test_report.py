@@ -307,7 +307,7 @@ def test_a_report_on_a_function_claims_nothing_that_was_not_measured() -> None:
     (row,) = records(table(made.report, "safety"))
     assert (row["measure"], row["k"], row["n"]) == ("failures", 24, 24)
     (row,) = records(table(made.report, "results"))
-    assert row["unresolved"] is row["unresolved_not_known"] is row["severity"] is None
+    assert row["unresolved"] is row["severity"] is None
     html = made.html().decode()
     for words in ("Near misses<", "Planner failures", "Mean severity", "|dx|", "v_actor"):
         assert words not in html
@@ -362,7 +362,7 @@ def triaged(run: Callable[..., int]) -> Store:
         store.campaigns.add_code(1, {"eigenfail_workers": digest})
     run_analysis(store, store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0)).id)
     change = TriageChange(TriageState.KNOWN, "https://t/7", "<b>seen</b> on track 3")
-    store.triage.change(1, 2, change, "anna's key")
+    store.analyses.change_triage(1, 2, change, "anna's key")
     return store
 
 

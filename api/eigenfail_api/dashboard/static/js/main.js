@@ -20,10 +20,8 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
   document.getElementById("search").focus();
 });
-// Their scripts come with the first click: most pages are read without one.
+// Its script comes with the first click: most pages are read without one.
 document.addEventListener("click", ({ target }) => {
   const term = target.closest("[data-term]");
   if (term) import("./definitions.js").then(({ define }) => define(term));
-  const file = target.closest("[data-export]");
-  if (file) import("./exports.js").then(({ fetchFile }) => fetchFile(file));
 });
