@@ -11,11 +11,12 @@ import msgspec
 import typer
 from typer.core import TyperGroup
 
-from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to, this_command
+from eigenfail.cli.answers import prints_answer
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.gate_runs import Runner
 from eigenfail.cli.gate_tables import draw_report, draw_summaries
-from eigenfail.cli.options import AsJson, Data, Limit, Url, Workers
-from eigenfail.cli.render import INTERRUPTED, first_rows, show
+from eigenfail.cli.options import AsJson, Data, Limit, Workers
+from eigenfail.cli.render import INTERRUPTED, CommandResult, first_rows, show
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
@@ -28,15 +29,9 @@ from eigenfail.gate.report import (
     to_junit,
 )
 from eigenfail.gate.reruns import JudgedBy
-from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.suites import Suite
-
-
-def _check_folder(junit: Path | None) -> None:
-    """Raises InvalidValue, before anything is run, if no report can be written there."""
-    if junit and not junit.parent.is_dir():
-        raise InvalidValue("junit", f"Folder {junit.parent} does not exist.", "Create it first.")
 
 
 def _write_junit(file: Path, content: bytes) -> None:
@@ -45,6 +40,8 @@ def _write_junit(file: Path, content: bytes) -> None:
     Raises:
         InvalidValue: it cannot be written.
     """
+    # Written beside it, then renamed: a pipeline that reads the file while it is written, or after
+    # the disk was full, would take half a report for all of it.
     draft = file.with_name(f"{file.name}.new")
     try:
         draft.write_bytes(content)
@@ -70,7 +67,8 @@ def fingerprint(suite: Suite) -> str:
     for package in sorted({name for each in suite.members for name in list_packages(each.spec)}):
         for name, content in read_package_files(package):
             digest.update(f"{package}/{name}\0{len(content)}\0".encode() + content)
-    digest.update("\n".join(_list_installed_packages()).encode())
+    installed = {f"{each.metadata['Name']}=={each.version}" for each in distributions()}
+    digest.update("\n".join(sorted(installed)).encode())
     settings = [
         (each.name, each.spec.planner, each.spec.planner_settings) for each in suite.members
     ]
@@ -78,53 +76,28 @@ def fingerprint(suite: Suite) -> str:
     return digest.hexdigest()[:LENGTH]
 
 
-def _list_installed_packages() -> list[str]:
-    """Return all installed packages with their versions."""
-    return sorted({f"{each.metadata['Name']}=={each.version}" for each in distributions()})
-
-
 VERSION = re.compile(r"[\w.+/-]{1,80}")
 
 
-def _find_baseline_version(baseline: str | None) -> str:
-    """The baseline that was named; empty where this run becomes one.
+def _find_version(given: str, suite: Suite, url: str | None) -> str:
+    """Return the version that was given, or else a fingerprint of the planners installed here.
 
     Raises:
-        InvalidValue: the name is empty, as that of a variable that was never set.
+        InvalidValue: it cannot be part of a name; or none is given, and the planners are elsewhere.
     """
-    if baseline is not None and not baseline.strip():
-        raise InvalidValue("baseline", "is empty.", "Specify a baseline, or omit --baseline.")
-    return baseline or ""
-
-
-def _check_version(version: str) -> str:
-    """The version that was given; empty if none was.
-
-    Raises:
-        InvalidValue: it cannot be part of a name.
-    """
-    if version and not VERSION.fullmatch(version):
+    if given and not VERSION.fullmatch(given):
         raise InvalidValue(
             "planner-version",
-            f"'{version}' is not a valid version: use up to 80 letters, digits and . _ + / -.",
+            f"'{given}' is not a valid version: use up to 80 letters, digits and . _ + / -.",
             "Give a commit or a tag.",
         )
-    return version
-
-
-def _find_own_version(suite: Suite, url: str | None) -> str:
-    """A fingerprint of the planners that are installed here.
-
-    Raises:
-        InvalidValue: those that are tested are elsewhere.
-    """
-    if url:
+    if url and not given:
         raise InvalidValue(
             "planner-version",
             "is not given, and the code of a remote service cannot be read.",
             "Name the installed version, such as a commit.",
         )
-    return fingerprint(suite)
+    return given or fingerprint(suite)
 
 
 CLOSED = 1
@@ -204,35 +177,34 @@ def run_gate(
     it runs is decided as by `eigenfail run`.
     """
     suite = Suite.read(file)
-    version = _check_version(planner_version) or _find_own_version(suite, url)
-    run = name_run(suite.name, version)
-    against = _find_baseline_version(baseline)
+    version = _find_version(planner_version, suite, url)
+    # Empty is a variable of a pipeline that was never set: without this, the run would become a
+    # baseline, and the gate would be open.
+    if baseline is not None and not baseline.strip():
+        raise InvalidValue("baseline", "is empty.", "Specify a baseline, or omit --baseline.")
     asked = GateRun(
         suite=suite.name,
         version=version,
-        run=run,
-        baseline=against,
+        run=name_run(suite.name, version),
+        baseline=baseline or "",
         strict=strict,
         by=by,
         file=str(file),
     )
-    _check_folder(junit)
+    # Before anything is run: a gate may take hours.
+    if junit and not junit.parent.is_dir():
+        raise InvalidValue("junit", f"Folder {junit.parent} does not exist.", "Create it first.")
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
-        report = _run_and_write(Runner(client, place, this_command()), suite, asked)
+        try:
+            report = Runner(client, place, this_command()).run(suite, asked)
+        except KeyboardInterrupt:  # between campaigns; during one, `run_suite` pauses them
+            typer.echo(f"Interrupted. To continue, run: {this_command()}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
         _record_verdict(client, report)
     if junit:
         _write_junit(junit, to_junit(report))
     show(report, as_json, lambda: draw_report(report))
     _exit_by_verdict(report)
-
-
-def _run_and_write(runner: Runner, suite: Suite, asked: GateRun) -> GateReport:
-    """What the gate found; Ctrl-C between campaigns says how to go on, and exits with 130."""
-    try:
-        return runner.run(suite, asked)
-    except KeyboardInterrupt:
-        typer.echo(f"Interrupted. To continue, run: {this_command()}", err=True)
-        raise typer.Exit(INTERRUPTED) from None
 
 
 def _record_verdict(client: Client, report: GateReport) -> None:
@@ -271,22 +243,15 @@ def _exit_by_verdict(report: GateReport) -> None:
 
 
 @app.command("list")
-def list_gates(
-    context: typer.Context,
-    url: Url = DEFAULT_URL,
-    limit: Limit = 50,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer()
+def list_gates(client: Client, limit: Limit = 50) -> CommandResult:
     """List the results of gates, newest first."""
-    with connect_to(context, url) as client:
-        first_rows(client.gates.list(), limit, draw_summaries).print(as_json)
+    return first_rows(client.gates.list(), limit, draw_summaries)
 
 
 @app.command("show")
-def show_gate(
-    context: typer.Context, gate: GateId, url: Url = DEFAULT_URL, as_json: AsJson = False
-) -> None:
+@prints_answer()
+def show_gate(client: Client, gate: GateId) -> CommandResult:
     """Show the result of a gate, as the gate printed it."""
-    with connect_to(context, url) as client:
-        found = client.gates.get(gate)
-    show(found, as_json, lambda: draw_report(found.report))
+    found = client.gates.get(gate)
+    return CommandResult(found, lambda: draw_report(found.report))

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 
-from rich.console import Group, RenderableType
+from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from eigenfail.gate.report import GateReport, list_conclusions
-from eigenfail.gate.reruns import GateFinding, Rerun, RerunFigures
+from eigenfail.gate.reruns import GateFinding
 from eigenfail.gate.results import GateSummary
 from eigenfail.gate.verdicts import CLOSING, GateVerdict
 from eigenfail.presentation.figures import UNKNOWN, format_utc
@@ -20,27 +20,12 @@ SHOWN = 5
 
 def draw_report(report: GateReport) -> Group:
     """Return the tables of a report, and its conclusions in sentences."""
-    return Group(*_draw_parts(report))
+    drawn = [draw(report) for draw in (_draw_known, _draw_reruns, _draw_modes, _draw_findings)]
+    spaced = [part for table in drawn if table.row_count for part in (table, Text())]
+    return Group(*spaced, *map(Text, list_conclusions(report)))
 
 
-def _draw_parts(report: GateReport) -> Iterator[RenderableType]:
-    """The parts of the page."""
-    if any(member.known for member in report.members):
-        yield _draw_known_failures(report)
-        yield Text()
-    if any(member.rerun for member in report.members):
-        yield _draw_reruns(report)
-        yield Text()
-    if any(each.modes for each in report.matched):
-        yield _draw_modes(report)
-        yield Text()
-    if findings := list(_list_findings(report)):
-        yield _draw_findings(findings)
-        yield Text()
-    yield from map(Text, list_conclusions(report))
-
-
-def _draw_known_failures(report: GateReport) -> Table:
+def _draw_known(report: GateReport) -> Table:
     """The known failures of the baseline, one a row."""
     grid = start_grid("member", "known failure", "now", "replay")
     for member in report.members:
@@ -51,12 +36,22 @@ def _draw_known_failures(report: GateReport) -> Table:
 
 
 def _draw_reruns(report: GateReport) -> Table:
-    """The campaigns that were run again, one a row."""
+    """The campaigns that were run again: failures before and now, what became of them, and why."""
     counted = ("baseline", "failures", "rerun", "failures now", "new", "fixed", "still failing")
     grid = start_grid("member", *counted, "verdict", "because", right=counted)
     for member in report.members:
-        if rerun := member.rerun:
-            grid.add_row(*map(escape, (member.member, *_make_rerun_row(rerun))))
+        if (rerun := member.rerun) is None:
+            continue
+        sides = (
+            text
+            for side in (rerun.before, rerun.now)
+            for text in (str(side.campaign), f"{side.failures}/{side.completed}")
+        )
+        nothing = UNKNOWN if rerun.unpaired_because else "0"
+        verdicts = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
+        counts = (str(rerun.counts.get(each, nothing)) for each in verdicts)
+        cells = (member.member, *sides, *counts, rerun.verdict, rerun.summary)
+        grid.add_row(*map(escape, cells))
     return grid
 
 
@@ -72,20 +67,6 @@ def _draw_modes(report: GateReport) -> Table:
     return grid
 
 
-def _make_rerun_row(rerun: Rerun) -> tuple[str, ...]:
-    """Failures before and now, what became of them, and why."""
-    sides = (_format_side(rerun.before), _format_side(rerun.now))
-    counted = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
-    nothing = UNKNOWN if rerun.unpaired_because else "0"
-    counts = (str(rerun.counts.get(each, nothing)) for each in counted)
-    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.summary)
-
-
-def _format_side(figures: RerunFigures) -> tuple[str, str]:
-    """A campaign, and how many of its episodes fail."""
-    return str(figures.campaign), f"{figures.failures}/{figures.completed}"
-
-
 def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
     """Return new modes and a bounded number of the findings that close the gate."""
     for member in report.members:
@@ -97,10 +78,10 @@ def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
         yield from ((member.member, each) for each in closing[:SHOWN])
 
 
-def _draw_findings(findings: list[tuple[str, GateFinding]]) -> Table:
+def _draw_findings(report: GateReport) -> Table:
     """Episodes to look at, one a row."""
     grid = start_grid("look at", "episode", "verdict", "replay", "page")
-    for member, found in findings:
+    for member, found in _list_findings(report):
         seen = (found.replay or found.problem, found.link)
         cells = (member, found.what, found.verdict, *seen)
         grid.add_row(*(escape(cell) for cell in cells))
