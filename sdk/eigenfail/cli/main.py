@@ -74,7 +74,7 @@ class DeferredCommand(TyperCommand):
 
     def load(self) -> Any:
         """Return the command itself."""
-        from eigenfail.cli.value_names import name_values
+        from eigenfail.cli.options import name_values
 
         return name_values(typer.main.get_command(self._load_app()))
 

@@ -1,8 +1,8 @@
-"""Analyses, as a client sees them."""
+"""Analyses, as a client sees them, and the triage of their failure modes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Unpack, overload
+from typing import Any, TypedDict, Unpack, overload
 
 from eigenfail.client.fields import AnalysisFields, refuse_fields_beside
 from eigenfail.client.link import Link, wait_until
@@ -21,7 +21,7 @@ from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState,
 from eigenfail.values.proof import Proof
 from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
-from eigenfail.values.triage import TriageState
+from eigenfail.values.triage import Triage, TriageChange, TriageState
 from eigenfail.wire.http import ModeName, ProofRequest, read_fields
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
@@ -250,3 +250,52 @@ class Analyses:
             timeout_s,
             lambda _seen: f"The proof of analysis {place}",
         )
+
+
+class TriageFields(TypedDict, total=False):
+    """Fields of a change of triage; those that are left out do not change.
+
+    Attributes:
+        state: new, confirmed, known, fixed or not_a_bug.
+        ticket: address of its ticket, beginning with https:// or http://; empty for none.
+        note: the new note, in place of the one before; empty for none.
+    """
+
+    state: TriageState | str
+    ticket: str
+    note: str
+
+
+class TriageRecords:
+    """Read and change the triage of failure modes.
+
+    Changes need a key of the scope runner where keys are required. Every method raises
+    InvalidValue for a value that names no such thing, and ServiceUnreachable if no service answers.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def get_mode(self, analysis: AnalysisLike, mode: ModeLike | None = None) -> Triage:
+        """Return the triage of a failure mode.
+
+        Args:
+            analysis: the analysis, or its id; or the mode, as lists have it.
+            mode: the mode, or its number, from 1; left out where `analysis` is the mode.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        return self._link.get(f"{locate_mode(analysis, mode)}/triage", Triage)
+
+    def change_mode(
+        self, analysis: AnalysisLike, mode: ModeLike | None = None, **fields: Unpack[TriageFields]
+    ) -> Triage:
+        """Change the triage of a failure mode, and return it.
+
+        Raises:
+            NotFound: no such analysis or mode.
+            InvalidValue: a value is outside its bounds, or the ticket is no address.
+        """
+        change = read_fields(fields, TriageChange)
+        return self._link.post(f"{locate_mode(analysis, mode)}/triage", Triage, change)

@@ -7,11 +7,10 @@ from typing import Self
 
 import httpx2
 
-from eigenfail.client.analyses import Analyses
+from eigenfail.client.analyses import Analyses, TriageRecords
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
-from eigenfail.client.gates import Gates
-from eigenfail.client.link import Link, waiter
+from eigenfail.client.link import Link, rest
 from eigenfail.client.references import (
     CampaignLike,
     EventLike,
@@ -20,9 +19,8 @@ from eigenfail.client.references import (
     find_event_id,
     locate_key,
 )
-from eigenfail.client.releases import Releases
 from eigenfail.client.suites import Suites
-from eigenfail.client.triage import TriageRecords
+from eigenfail.client.versions import Gates, Releases
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.values import access
@@ -114,7 +112,7 @@ class Client:
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""
-        return self._link.answers("/readyz")
+        return self.trouble() is None
 
     def trouble(self) -> EigenfailError | None:
         """Why it is not healthy: nothing answers, or its database cannot be read or written."""
@@ -245,7 +243,7 @@ class Events:
                 failures += 1
                 if failures == MAX_FAILURES:
                     raise self._link.unreachable(error) from error
-            waiter.get().rest(RECONNECT_S)
+            rest.get()(RECONNECT_S)
 
     def _connected(self, after: int, campaign: int | None) -> Iterator[Event]:
         """The events of one connection; those without data only mark a place."""

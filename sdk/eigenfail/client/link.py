@@ -44,32 +44,12 @@ AWAY = (ServiceUnreachable, StoreUnavailable, ServiceBusy)
 Tell = Callable[[Campaign], None]
 
 
-class Waiter:
-    """How long blocking calls wait: as long as it takes."""
-
-    def rest(self, seconds: float) -> None:
-        """Let time pass between two looks."""
-        sleep(seconds)
+def _let_time_pass(seconds: float) -> None:
+    sleep(seconds)  # looked up at each call, so that tests can play time
 
 
-class CheckingWaiter(Waiter):
-    """Looks after something while it waits.
-
-    Args:
-        check: raises if it is in trouble.
-    """
-
-    def __init__(self, check: Callable[[], None]) -> None:
-        self._check = check
-
-    def rest(self, seconds: float) -> None:
-        """Let time pass, unless there is trouble."""
-        self._check()
-        super().rest(seconds)
-
-
-waiter: ContextVar[Waiter] = ContextVar("patience", default=Waiter())  # noqa: B039 - no state
-"""Of the calls in this context."""
+rest: ContextVar[Callable[[float], None]] = ContextVar("rest", default=_let_time_pass)
+"""What lets time pass between two looks of the blocking calls in this context. [s]"""
 
 
 def wait_until(
@@ -94,6 +74,7 @@ def wait_until(
         WaitTimeout: it is not over in time; it goes on all the same.
     """
     latest_s = inf if timeout_s is None else monotonic() + timeout_s
+    # The first look fails at once: a service that is not there, or a wrong address, is no restart.
     seen = look()
     while not is_over(seen):
         if monotonic() >= latest_s:
@@ -101,7 +82,7 @@ def wait_until(
                 f"{describe(seen)} is still running after {timeout_s:g} s.",
                 "Increase the timeout, or check the service's log if there is no progress.",
             )
-        waiter.get().rest(poll_s)
+        rest.get()(poll_s)
         seen = _look_until_back(look, poll_s, min(latest_s, monotonic() + AWAY_S))
     return seen
 
@@ -116,18 +97,23 @@ def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) ->
                 raise
             if not tries:
                 log.warning("%s The connection was lost; waiting for the service.", error.problem)
-        waiter.get().rest(poll_s)
+        rest.get()(poll_s)
     raise AssertionError("counting has no end")
 
 
 @contextmanager
 def check_during_waits(check: Callable[[], None]) -> Iterator[None]:
     """Call a check during all waits within the block."""
-    token = waiter.set(CheckingWaiter(check))
+
+    def check_and_rest(seconds: float) -> None:
+        check()
+        sleep(seconds)
+
+    token = rest.set(check_and_rest)
     try:
         yield
     finally:
-        waiter.reset(token)
+        rest.reset(token)
 
 
 @contextmanager
@@ -178,7 +164,7 @@ def ask_again(ask: Callable[[], Answer]) -> Answer:
                 raise
             pause_s = find_pause(error, tried)
             log.debug("try %d of %d failed, next in %.1f s: %s", tried, ATTEMPTS, pause_s, error)
-        waiter.get().rest(pause_s)
+        rest.get()(pause_s)
     return ask()
 
 
@@ -202,7 +188,8 @@ TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
 
 
 STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
-"""The service breaks the silence of a stream every 15 s."""
+"""The service breaks the silence of a stream every 15 s. Three silences are no late heartbeat but a
+connection that is dead without a word, as behind a proxy that was cut off."""
 
 
 SCHEMES = ("http://", "https://")
@@ -281,6 +268,7 @@ class Link:
 
     def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
         """Have something done: asked once."""
+        # An answer that was lost does not say whether it was done: a second key would be made.
         with self._understood():
             return http.decode(self._once("POST", path, content=_encode_body(body)), kind)
 
@@ -370,10 +358,6 @@ class Link:
                 source.response.read()
                 raise read_refusal(source.response)
             yield iter(source)
-
-    def answers(self, path: str) -> bool:
-        """Whether a path outside the API is healthy, as far as one request can show."""
-        return self.trouble(path) is None
 
     def trouble(self, path: str) -> EigenfailError | None:
         """What a path outside the API complains of; ServiceUnreachable if nothing answers."""

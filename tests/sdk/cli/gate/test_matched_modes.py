@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from eigenfail.cli import gate_runs
-from eigenfail.client.releases import Releases
+from eigenfail.client.versions import Releases
 from eigenfail.errors import NotFound, ServiceBusy
 
 
