@@ -202,7 +202,7 @@ PlannerPlugin = Annotated[
         "--planner",
         metavar=PLACE,
         help="Check this planner.",
-        autocompletion=completion.complete_planners,
+        autocompletion=completion.complete_plugins(plugins.PLANNERS),
     ),
 ]
 ScenarioPlugin = Annotated[
@@ -211,7 +211,7 @@ ScenarioPlugin = Annotated[
         "--scenario",
         metavar=PLACE,
         help="Check this scenario.",
-        autocompletion=completion.complete_scenarios,
+        autocompletion=completion.complete_plugins(plugins.SCENARIOS),
     ),
 ]
 BridgeAddress = Annotated[

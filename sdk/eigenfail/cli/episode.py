@@ -8,6 +8,7 @@ import msgspec
 import typer
 from msgspec.structs import replace
 
+from eigenfail import plugins
 from eigenfail.cli import completion, options
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
@@ -318,7 +319,8 @@ OfProject = Annotated[str | None, typer.Option(help="Only failures of this proje
 OfPlanner = Annotated[
     str | None,
     typer.Option(
-        help="Only failures of this planner.", autocompletion=completion.complete_planners
+        help="Only failures of this planner.",
+        autocompletion=completion.complete_plugins(plugins.PLANNERS),
     ),
 ]
 OfPlannerVersion = Annotated[
@@ -327,7 +329,8 @@ OfPlannerVersion = Annotated[
 OfMethod = Annotated[
     str | None,
     typer.Option(
-        help="Only failures that this method found.", autocompletion=completion.complete_methods
+        help="Only failures that this method found.",
+        autocompletion=completion.complete_plugins(plugins.METHODS),
     ),
 ]
 FailureSort = Annotated[str, typer.Option(help=f"{' or '.join(FAILURE_ORDERS)}.")]

@@ -45,30 +45,14 @@ def _draw_keys(keys: Iterable[ApiKey]) -> Table:
     for key in keys:
         times = (key.created_ms, key.expires_ms, key.last_used_ms)
         dates = (UNKNOWN if each is None else format_utc(each) for each in times)
-        allowed = ", ".join(_format_quotas(key.quotas)) or UNKNOWN
-        grid.add_row(
-            str(key.id),
-            escape(key.name),
-            key.scope,
-            _describe_state(key, at_ms),
-            allowed,
-            *dates,
-        )
+        given = asdict(key.quotas).items()
+        quotas = ", ".join(f"{name} {most:,}" for name, most in given if most is not None)
+        state = "valid" if key.is_valid(at_ms) else "expired"
+        if key.revoked_ms is not None:
+            state = "revoked"
+        cells = (str(key.id), escape(key.name), key.scope, state, quotas or UNKNOWN)
+        grid.add_row(*cells, *dates)
     return grid
-
-
-def _describe_state(key: ApiKey, at_ms: int) -> str:
-    """Whether a key opens anything."""
-    if key.revoked_ms is not None:
-        return "revoked"
-    return "valid" if key.is_valid(at_ms) else "expired"
-
-
-def _format_quotas(given: Quotas) -> Iterator[str]:
-    """The quotas that a key has."""
-    for name, limit in asdict(given).items():
-        if limit is not None:
-            yield f"{name} {limit:,}"
 
 
 def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
