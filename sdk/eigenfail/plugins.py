@@ -52,8 +52,8 @@ A campaign file that names one gets the package to install, not a list of other 
 
 def list_groups() -> set[str]:
     """Return the groups of entry points that are read: the constants above."""
-    found = {value for name, value in globals().items() if name.isupper()}
-    return {value for value in found if isinstance(value, str) and value.startswith("eigenfail.")}
+    values = (value for name, value in globals().items() if name.isupper())
+    return {each for each in values if isinstance(each, str) and each.startswith("eigenfail.")}
 
 
 def list_misspelt_groups() -> dict[str, str]:

@@ -32,6 +32,7 @@ def compare(client: Client, a: SideIds, b: SideIds) -> CommandResult:
     same seed) McNemar's exact test on pairs of episodes; over seeds, where there are enough of
     them, the Vargha-Delaney effect size of the failure rates.
     """
+    # Read first: a mistyped id costs no comparison.
     sides = _parse_campaign_ids("A", a), _parse_campaign_ids("B", b)
     with announce("Comparing the campaigns"):
         found = client.campaigns.compare(*sides)

@@ -45,6 +45,7 @@ def find_shell(named: str) -> str:
 
 def make_script(program: str, shell: str) -> str:
     """Return the script that makes a shell complete the commands of a program."""
+    # typer has this module, but does not export its functions.
     from typer import completion as scripts
 
     return str(
@@ -71,6 +72,7 @@ def _name_variable(program: str) -> str:
 
 def complete_campaigns(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     """The newest campaigns of the service that would be asked, with their names."""
+    # The HTTP client is loaded only if ids are asked for: each TAB waits for the imports above.
     from eigenfail.cli.connection import find_address
 
     asked = context.params.get("url") or os.environ.get("EIGENFAIL_URL") or ""
@@ -79,6 +81,7 @@ def complete_campaigns(context: typer.Context, incomplete: str) -> list[tuple[st
             found = client.campaigns.list().first(MOST) if client.health() else ()
     except (EigenfailError, OSError, ValueError):
         return []
+    # The shell would filter, too, but some show all that they get.
     ids = [(str(campaign.id), campaign.spec.name) for campaign in found]
     return [(number, name) for number, name in ids if number.startswith(incomplete)]
 

@@ -43,6 +43,7 @@ def connect_to(context: typer.Context, url: str) -> Client:
         InvalidValue: it is not an address.
     """
     url = find_address(context, url)
+    # Tests and programs put a service of their own process in its place.
     surroundings = context.find_object(Environment) or Environment()
     try:
         return surroundings.connect(url)

@@ -266,6 +266,7 @@ def doctor(
         _refuse_besides("--golden", {**of_bridge, **of_plugins, **of_database})
         _write_golden_messages(golden, as_json)
         return
+    # Each of these looks at one thing only, and has an exit code of its own.
     if bridge:
         _refuse_besides("--bridge", {**of_plugins, **of_database})
         _check_bridge(bridge, campaign, as_json)

@@ -65,6 +65,7 @@ def replay(client: Client, episode: options.EpisodeId) -> CommandResult:
         replayed = redraw_episode(spec, row)
     else:
         replayed = replay_episode(spec, stored)
+    # Versions are compared only if results differ: most replays need no second question.
     if not replayed.same:
         differing = _list_differences(client, spec, campaign, index)
         replayed = replace(replayed, differing=differing)

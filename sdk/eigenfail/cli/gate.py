@@ -73,6 +73,7 @@ def fingerprint(suite: Suite) -> str:
         InvalidValue: a package whose code cannot be found.
     """
     digest = sha256()
+    # Sorted, since the order of files and packages on a disk is that of their installation.
     for package in sorted({name for each in suite.members for name in list_packages(each.spec)}):
         for name, content in read_package_files(package):
             digest.update(f"{package}/{name}\0{len(content)}\0".encode() + content)
@@ -203,6 +204,7 @@ class GateCommands(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front of a file."""
+        # The file of a suite may be called anything but the name of a command.
         if args and args[0] not in (*self.commands, *ctx.help_option_names):
             args = [RUN, *args]
         return super().parse_args(ctx, args)
@@ -306,6 +308,7 @@ def _record_verdict(client: Client, report: GateReport) -> None:
 
     The verdict of this command is the same where the service does not take it.
     """
+    # What says nothing of the planner must not stand among its verdicts.
     if report.in_trouble:
         return
     try:
@@ -321,6 +324,7 @@ def _exit_by_verdict(report: GateReport) -> None:
         ServiceError: only because episodes were lost or may hide a failure, which says nothing of
             the planner.
     """
+    # Exit code 3, not 1: a pipeline must not blame the planner for what could not be judged.
     if report.state == INCONCLUSIVE:
         raise ServiceError(
             describe_conclusion(report),

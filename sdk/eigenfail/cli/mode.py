@@ -94,6 +94,7 @@ def triage_mode(
     note: NewNote = None,
 ) -> CommandResult:
     """Show the triage of a failure mode; change its state, ticket or note if one is given."""
+    # An empty text clears a ticket or note; an option that is not given changes nothing.
     fields = TriageFields()
     if state is not None:
         fields["state"] = state

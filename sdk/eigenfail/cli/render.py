@@ -54,6 +54,7 @@ def to_json(value: Any, indent: int = 2) -> str:
     ).decode()
 
 
+# A pipe has no width. Programs read a row as a line, and all columns of it.
 def make_console() -> Console:
     """Return the console for tables; wide enough for one line a row if it is no terminal."""
     screen = Console(highlight=False)
@@ -170,6 +171,7 @@ class _JsonChanges(Generic[Snapshot]):
     def __call__(self, seen: Snapshot) -> None:
         """Print it, if it has changed."""
         now = to_json(self.to_data(seen), indent=0)
+        # Programs read a line for each change; the same line each second would be no news.
         if now != self.last:
             typer.echo(now)
         self.last = now
@@ -219,6 +221,7 @@ class _MissingWorkerNotice:
     def __call__(self, seen: Campaign) -> None:
         """Look, if nothing came for a while."""
         now_s, done = time.monotonic(), seen.counts.completed + seen.counts.errored
+        # Asked only if nothing comes: a campaign that gets on has its workers.
         if done == self._done and now_s < self._next_s:
             return
         if done == self._done:
@@ -257,6 +260,7 @@ def follow(client: Client, campaign: int, check: Callable[[], None] = skip_check
     return ended
 
 
+# Rounds that take longer go on pausing behind the command: Ctrl-C must not seem to hang.
 PAUSE_WITHIN_S = 15.0
 
 
@@ -376,12 +380,14 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
             service paused it with a reason; or a gate was requested and is inconclusive.
     """
     counts = campaign.counts
+    # Nothing was found out, whatever the gate: a pipeline must not take it for a pass.
     if campaign.is_errored:
         raise make_errored_error(campaign, summary)
     if campaign.state is CampaignState.DEAD:
         raise ServiceError(f"Campaign {campaign.id} is dead: {campaign.stopped_because}")
     if campaign.state is CampaignState.PAUSED and campaign.stopped_because:
         raise ServiceError(f"Campaign {campaign.id} is paused. {campaign.stopped_because}")
+    # Before the state and doubts below: a failure that was found closes the gate in any case.
     if gate and counts.failures:
         raise typer.Exit(FAILURES_FOUND)
     if gate and campaign.state is not CampaignState.DONE:
@@ -391,6 +397,7 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
             if campaign.state in FINAL_STATES
             else f"Resume it: eigenfail campaign resume {campaign.id}",
         )
+    # After failures: an errored episode may hide one, but one is enough.
     _refuse_doubt(campaign, gate, summary)
     if gate and not counts.completed:
         raise ServiceError(

@@ -76,11 +76,13 @@ def read_spec(
     if describes_suite(table):
         remedy = f"Run it with `eigenfail suite run {file}`."
         raise InvalidValue(file.name, "this is a suite, not a campaign.", remedy)
+    # Files that a campaign file names lie beside it, wherever the command is called.
     written = include_samples(include_disturbance(table, file), file)
     changed = parse_changes(changes or (), {"name": file.stem, **written})
     fields = {**changed, **_drop_missing(instead)}
     if _drop_missing(stop):
         fields["stop"] = {**_read_stop_rules(fields.get("stop", {}), file), **_drop_missing(stop)}
+    # The message names the table of the file; that of the whole specification would not.
     for name, kind in TABLES.items():
         if isinstance(fields.get(name), dict):
             refuse_unknown_fields(fields[name], kind, f"{file.name}: {name}")
@@ -141,6 +143,7 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
     with suppress(ServiceError):
         answer = ask_about_bridges(question, OFFER_TIMEOUT_S)
         offer = msgspec.json.decode(answer, type=BridgeOffer | None)
+    # Its workers ask it when a campaign starts, and check the campaign then.
     if offer is None:
         return
     for spec in on_bridge:

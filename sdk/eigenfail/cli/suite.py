@@ -66,6 +66,7 @@ def run(
     if dry_run:
         plan = suites.SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
         show(plan, as_json, lambda: render(suites.tabulate_plan(plan)))
+        # Nothing was asked of a service, so that nothing can be judged.
         raise typer.Exit
     command, place = f"eigenfail suite run {file}", Plan(data, 0, workers)
     ended, result, _ = run_and_show(context, suite, url, place, command, as_json)
@@ -150,5 +151,6 @@ def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteR
 
 def _rank_badness(campaign: Campaign) -> tuple[bool, bool, bool]:
     """The dead before all others, then the errored ones, then those that found failures."""
+    # A dead campaign first: its failures are no reason why the suite came to nothing.
     is_dead = campaign.state is CampaignState.DEAD
     return not is_dead, not campaign.is_errored, not campaign.counts.failures

@@ -74,6 +74,7 @@ def up(
     """
     if bridge:
         os.environ[ADDRESS_VARIABLE] = check_address(bridge)
+    # Before the services start, which inherit it: an operator names modules, never a request.
     if functions:
         allow(functions)
     if launcher is Launcher.NONE:

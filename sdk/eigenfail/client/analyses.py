@@ -24,6 +24,7 @@ from eigenfail.values.rows import Rows
 from eigenfail.values.triage import Triage, TriageChange, TriageState
 from eigenfail.wire.http import ModeName, ProofRequest, read_fields
 
+# A failed analysis is over: no wait may last until somebody makes another.
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 
 
@@ -221,6 +222,7 @@ class Analyses:
             InvalidValue: a parameter outside its bounds, a distribution, or no variation.
         """
         asked = read_fields({"variations": variations}, ProofRequest)
+        # The service finds replays that it has, so that a repeated request starts none twice.
         return self._link.post_once_only(f"{locate_analysis(analysis)}/proof", Proof, asked)
 
     def proof(self, analysis: AnalysisLike) -> Proof:

@@ -58,6 +58,7 @@ class Client:
         transport: httpx2.BaseTransport | None = None,
         key: str | None = None,
     ) -> None:
+        # A transport is a service in this process, which the environment knows nothing of.
         by_default = DEFAULT_URL if transport else os.environ.get(URL_VARIABLE) or DEFAULT_URL
         self._link = Link(base_url or by_default, transport, find_token(key))
         self.campaigns = Campaigns(self._link)
@@ -236,10 +237,12 @@ class Events:
         number = None if campaign is None else find_campaign_id(campaign)
         while True:
             try:
+                # Each connection begins behind the last event that was yielded: none is missed.
                 for event in self._connected(last, number):
                     last, failures = event.id, 0
                     yield event
             except httpx2.TransportError as error:
+                # Failures in a row: an event in between proves that the service is there.
                 failures += 1
                 if failures == MAX_FAILURES:
                     raise self._link.unreachable(error) from error
@@ -261,6 +264,7 @@ def find_token(given: str | None) -> str | None:
         InvalidValue: it does not look like one; what was given is not repeated.
     """
     token = (os.environ.get(KEY_VARIABLE, "") if given is None else given).strip()
+    # Found here, since a service would count it as a failed login; white space comes from `$(cat)`.
     if token and access.TOKEN.fullmatch(token) is None:
         raise InvalidValue(
             "key",

@@ -132,6 +132,7 @@ class Episodes:
             InvalidValue: a filter that cannot be read, the error says where; or fields that are
                 one text.
         """
+        # A text is a sequence of letters, each of which would be an unknown column.
         if isinstance(fields, str):
             problem = f"'{fields}' is one text."
             named = [name.strip() for name in fields.split(",")]
@@ -141,6 +142,7 @@ class Episodes:
         picked = {**asked, "fields": ",".join(fields)} if fields else asked
         kind: type[Page[Any]] = Page[Picked] if fields else Page[EpisodeRow]
         reverse = reverse_order(picked, parse_sort(sort), "index")
+        # A list without a row still has its columns, as a table.
         columns = list_named_columns(fields) if fields else None
         extent = Extent(partial(self._link.count, path, asked), reverse, columns)
         return self._link.pages(path, kind, "after", picked, extent)

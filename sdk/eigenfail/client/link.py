@@ -38,6 +38,7 @@ Kind = TypeVar("Kind")
 AWAY_S = 60.0
 
 
+# Errors of a service that is started anew, or whose database is. Any other error is an answer.
 AWAY = (ServiceUnreachable, StoreUnavailable, ServiceBusy)
 
 
@@ -134,6 +135,8 @@ def report_progress(on_progress: Tell | None, progress: bool) -> Iterator[Tell]:
         yield both
 
 
+# With the pauses below, four tries take about a second: the restart of a proxy, not of a service.
+# Waits for campaigns last longer, in `wait_until`.
 ATTEMPTS = 4
 
 
@@ -144,6 +147,7 @@ LONGEST_PAUSE_S = 30.0
 """How long a service may ask us to wait, and after how long nothing is asked again."""
 
 
+# 429 and 503 are the service itself; 502 and 504 are a proxy before it that found nobody.
 BUSY = frozenset({429, 502, 503, 504})
 
 
@@ -162,6 +166,7 @@ def ask_again(ask: Callable[[], Answer]) -> Answer:
         except httpx2.HTTPError as error:
             if not is_worth_retrying(error) or monotonic() - begun_s > LONGEST_PAUSE_S:
                 raise
+            # `Retry-After` of the service wins: it knows when the next token of a key is there.
             pause_s = find_pause(error, tried)
             log.debug("try %d of %d failed, next in %.1f s: %s", tried, ATTEMPTS, pause_s, error)
         rest.get()(pause_s)
@@ -184,6 +189,7 @@ def find_pause(error: httpx2.HTTPError, tried: int) -> float:
     return FIRST_PAUSE_S * 2.0 ** (tried - 1) + uniform(0.0, JITTER_S)  # noqa: S311 - no secret
 
 
+# A service that computes a comparison may take long; one that is not there refuses at once.
 TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
 
 
@@ -244,6 +250,7 @@ class Link:
             base_url=base_url,
             transport=transport,
             timeout=TIMEOUT,
+            # A proxy of the environment would look for the service on its own machine.
             trust_env=not is_loopback(httpx2.URL(base_url).host),
             headers={"User-Agent": f"eigenfail/{__version__}", **_make_headers(key)},
         )
@@ -261,6 +268,7 @@ class Link:
         """The bytes of a file of any size, as they come; asked for once."""
         asked = _drop_missing(params)
         with self._understood(), self._http.stream("GET", http.PREFIX + path, params=asked) as file:
+            # The body of a stream is not read by itself, and a refusal says in it what is wrong.
             if file.is_error:
                 file.read()
             file.raise_for_status()
@@ -283,6 +291,7 @@ class Link:
             body: the content of the request.
             key: idempotency key of this request, for ever; None makes one for this call.
         """
+        # The same key at each try: an answer that was lost must not make a second campaign.
         headers = {http.IDEMPOTENCY_KEY: key or str(uuid4())}
         answer = self._repeatedly("POST", path, content=_encode_body(body), headers=headers)
         return http.decode(answer, kind)
@@ -323,6 +332,7 @@ class Link:
                 yield from page.items
                 if page.next is None:
                     return
+                # A cursor and no offset: rows that arrive meanwhile shift no page.
                 query[cursor] = page.next
                 most -= len(page.items)
 
@@ -389,6 +399,7 @@ class Link:
     @contextmanager
     def _understood(self) -> Iterator[None]:
         """Turn what the transport raises into what users are promised."""
+        # Without this, httpx2 raises a RuntimeError, which no caller catches.
         if self._http.is_closed:
             problem = f"This client of {self.base_url} is closed, maybe with its service."
             raise ServiceUnreachable(problem, "Create a new client.")

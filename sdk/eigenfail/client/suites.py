@@ -154,16 +154,18 @@ class Suites:
         for campaign in chain.from_iterable(listed):
             if campaign.spec.name in alike:
                 alike[campaign.spec.name].append(campaign)
-                if all(alike.values()) and len(found := match_campaigns(suite, alike)) == len(
-                    alike
-                ):
+                # Lists begin with the newest: older campaigns need not be read once all are found.
+                found = match_campaigns(suite, alike) if all(alike.values()) else {}
+                if len(found) == len(alike):
                     return found
         return match_campaigns(suite, alike)
 
     def _created(self, spec: CampaignSpec) -> Campaign:
+        # The key follows from the spec: two commands that start a suite make each member once.
         return self._link.post_once_only("/campaigns", Campaign, spec, make_member_key(spec))
 
     def _awake(self, campaign: Campaign) -> Campaign:
+        # A campaign that is pausing cannot be resumed: its rounds at work come in first.
         if campaign.state is CampaignState.PAUSING:
             campaign = self._campaigns.wait(campaign.id, timeout_s=PAUSE_WITHIN_S)
         is_paused = campaign.state is CampaignState.PAUSED

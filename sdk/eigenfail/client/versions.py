@@ -61,6 +61,7 @@ class Gates:
         Raises:
             NotFound: no such result.
         """
+        # As of campaigns, the line of a list stands for its id.
         number = gate.id if isinstance(gate, GateSummary) else gate
         return self._link.get(f"/gates/{number}", GateResult)
 

@@ -61,6 +61,7 @@ def list_differences(
 
 def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
     """Return the fields that have other values, apart from those that may differ."""
+    # Two ways to write the same noise, or the same requirements, are no difference.
     if a.disturbance.is_like(b.disturbance):
         b = replace(b, disturbance=a.disturbance)
     if a.all_requirements == b.all_requirements:
