@@ -157,7 +157,12 @@ def analyze(
     with interruptible(), connect_to(context, url) as client:
         analysis = find_or_run_analysis(client, campaign, settings)
         proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
-        proven = tabulate_proof(client, analysis, proof) if proof else ()
+        proven: tuple[Block, ...] = ()
+        if proof:
+            # Robustness has the unit of the world that the campaign ran in.
+            unit = find_robustness_unit(client.campaigns.get(analysis.campaign).spec)
+            noun = analysis.result.cluster_noun if analysis.result else "mode"
+            proven = analyses.describe_proof(proof, noun, unit)
         if as_json:
             typer.echo(to_json({"analysis": analysis, "proof": proof}))
         elif analysis.result:
@@ -175,13 +180,6 @@ def analyze(
         # The result is printed first: it is not lost where an animation cannot be made.
         if animations is not None:
             write_animations(client, analysis, animations)
-
-
-def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Block, ...]:
-    """Return the proof of an analysis, in the units of its campaign's world."""
-    spec = client.campaigns.get(analysis.campaign).spec
-    noun = analysis.result.cluster_noun if analysis.result else "mode"
-    return analyses.describe_proof(proof, noun, find_robustness_unit(spec))
 
 
 def write_animations(client: Client, analysis: Analysis, folder: Path) -> None:

@@ -139,7 +139,13 @@ def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteR
     """
     members = (member.summary for member in result.members if member.summary)
     summaries = {summary.campaign: summary for summary in members}
-    for campaign in sorted(campaigns, key=_rank_badness):
+
+    def rank_badness(campaign: Campaign) -> tuple[bool, ...]:
+        # A dead campaign first: its failures are no reason why the suite came to nothing.
+        is_dead = campaign.state is CampaignState.DEAD
+        return not is_dead, not campaign.is_errored, not campaign.counts.failures
+
+    for campaign in sorted(campaigns, key=rank_badness):
         summary = summaries.get(campaign.id)
         if campaign.is_errored:
             # A suite that is run again takes up its campaigns where they stopped, also this one.
@@ -147,10 +153,3 @@ def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteR
             again = "After fixing the cause, run the suite under a different name."
             raise ServiceError(error.problem, f"{error.remedy}. {again}")
         judge(campaign, gate, summary)
-
-
-def _rank_badness(campaign: Campaign) -> tuple[bool, bool, bool]:
-    """The dead before all others, then the errored ones, then those that found failures."""
-    # A dead campaign first: its failures are no reason why the suite came to nothing.
-    is_dead = campaign.state is CampaignState.DEAD
-    return not is_dead, not campaign.is_errored, not campaign.counts.failures
