@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, TypedDict, Unpack
 
 from eigenfail.client.fields import AnalysisFields, refuse_fields_beside
 from eigenfail.client.link import Link, wait_until
@@ -120,17 +120,6 @@ class Analyses:
         path = f"{locate_analysis(analysis)}/modes"
         return self._link.get(path, Page[Mode], {"state": state}).items
 
-    @overload
-    def rename_mode(self, analysis: Mode, mode: str, name: None = None) -> Mode: ...
-
-    @overload
-    def rename_mode(
-        self, analysis: AnalysisLike, mode: ModeLike | None = None, *, name: str
-    ) -> Mode: ...
-
-    @overload
-    def rename_mode(self, analysis: AnalysisLike, mode: ModeLike, name: str) -> Mode: ...
-
     def rename_mode(
         self, analysis: AnalysisLike, mode: ModeLike | str | None = None, name: str | None = None
     ) -> Mode:
@@ -149,26 +138,6 @@ class Analyses:
         number, given = split_text("name", mode, name)
         place = f"{locate_mode(analysis, number)}/name"
         return self._link.put(place, Mode, read_fields({"name": given}, ModeName))
-
-    @overload
-    def animate(
-        self, analysis: Mode, mode: Path | str, path: None = None, format: str = ANIMATION
-    ) -> Path: ...
-
-    @overload
-    def animate(
-        self,
-        analysis: AnalysisLike,
-        mode: ModeLike | None = None,
-        *,
-        path: Path | str,
-        format: str = ANIMATION,
-    ) -> Path: ...
-
-    @overload
-    def animate(
-        self, analysis: AnalysisLike, mode: ModeLike, path: Path | str, format: str = ANIMATION
-    ) -> Path: ...
 
     def animate(
         self,

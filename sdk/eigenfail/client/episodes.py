@@ -194,36 +194,6 @@ class Episodes:
         request = read_fields(wanted, ExportRequest)
         return self._exports.save(find_campaign_id(campaign), request, Path(path), format)
 
-    @overload
-    def export_recording(
-        self,
-        campaign: EpisodeRow | EpisodeDetail,
-        index: Path | str,
-        *,
-        format: str | None = None,
-        ego: EgoControl | str = EgoControl.RECORDED,
-    ) -> Path: ...
-
-    @overload
-    def export_recording(
-        self,
-        campaign: EpisodeRow | EpisodeDetail,
-        *,
-        path: Path | str,
-        format: str | None = None,
-        ego: EgoControl | str = EgoControl.RECORDED,
-    ) -> Path: ...
-
-    @overload
-    def export_recording(
-        self,
-        campaign: CampaignLike,
-        index: EpisodeLike,
-        path: Path | str,
-        format: str | None = None,
-        ego: EgoControl | str = EgoControl.RECORDED,
-    ) -> Path: ...
-
     def export_recording(
         self,
         campaign: CampaignLike,
