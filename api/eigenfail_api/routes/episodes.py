@@ -1,7 +1,7 @@
 """Routes of episodes: lists, single results, explanations, replays and exports as files."""
 
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
@@ -18,7 +18,7 @@ from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import SerialExecutor
-from eigenfail_api.openapi import document_route, problem_response
+from eigenfail_api.openapi import document_file, document_route, problem_response
 from eigenfail_services import export_formats
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
 from eigenfail_services.campaigns.summary import find_worker
@@ -94,12 +94,6 @@ def read_page(
     return parameters.PageRequest(limit, after, with_total)
 
 
-def _find_channels(store: Store, campaign: int) -> tuple[str, ...]:
-    """Return the names of the channels of a campaign's noise."""
-    spec = store.campaigns.get(campaign).spec
-    return list_channels(spec)
-
-
 QueriedEpisodes = Annotated[EpisodeQuery, Depends(parse_query)]
 
 
@@ -127,7 +121,8 @@ def get_episode(
 ) -> parameters.Json:
     """Get an episode with its class, noise and, where it was kept, its scene."""
     result = store.episodes.get(campaign, index)
-    return parameters.Json(make_episode_detail(campaign, result, _find_channels(store, campaign)))
+    channels = list_channels(store.campaigns.get(campaign).spec)
+    return parameters.Json(make_episode_detail(campaign, result, channels))
 
 
 @router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))
@@ -179,7 +174,7 @@ def get_steps(
 ) -> Response:
     """Get the steps of an episode as CSV: noise and, where it was kept, the scene."""
     result = store.episodes.get(campaign, index)
-    text = write_steps(result, _find_channels(store, campaign))
+    text = write_steps(result, list_channels(store.campaigns.get(campaign).spec))
     name = f'attachment; filename="episode-{campaign}-{index}.csv"'
     return Response(text, media_type=STEPS_CSV, headers={"Content-Disposition": name})
 
@@ -189,11 +184,6 @@ PARQUET = "application/vnd.apache.parquet"
 
 ExportId = Annotated[str, Path(pattern=parameters.EXPORT, description="Id of an export.")]
 Lines = Callable[[export_formats.ExportSource], Iterator[bytes]]
-
-
-def _document_file(kind: str) -> dict[str, Any]:
-    content = {kind: {"schema": {"type": "string", "format": "binary"}}}
-    return {"responses": {200: {"content": content}, "default": problem_response()}}
 
 
 async def exports_of(request: Request) -> ExportJobs:
@@ -206,7 +196,7 @@ Jobs = Annotated[ExportJobs, Depends(exports_of)]
 
 
 @router.get(
-    "/campaigns/{campaign}/episodes.csv", response_class=StreamingResponse, **_document_file(CSV)
+    "/campaigns/{campaign}/episodes.csv", response_class=StreamingResponse, **document_file(CSV)
 )
 def stream_csv(
     store: parameters.Stored, campaign: parameters.CampaignId, query: QueriedEpisodes
@@ -218,7 +208,7 @@ def stream_csv(
 @router.get(
     "/campaigns/{campaign}/episodes.ndjson",
     response_class=StreamingResponse,
-    **_document_file(NDJSON),
+    **document_file(NDJSON),
 )
 def stream_ndjson(
     store: parameters.Stored, campaign: parameters.CampaignId, query: QueriedEpisodes
@@ -258,7 +248,7 @@ def get_export(jobs: Jobs, export: ExportId) -> parameters.Json:
     return parameters.Json(jobs.get(export))
 
 
-@router.get("/exports/{export}/file", response_class=FileResponse, **_document_file(PARQUET))
+@router.get("/exports/{export}/file", response_class=FileResponse, **document_file(PARQUET))
 def get_export_file(jobs: Jobs, export: ExportId) -> FileResponse:
     """Get the file of an export that is done."""
     path = jobs.file(export)
