@@ -10,6 +10,7 @@ import msgspec
 from eigenfail.gate.verdicts import (
     CLOSING,
     GateVerdict,
+    Row,
     RunOutcomes,
     describe_pairs,
     describe_rates,
@@ -241,7 +242,8 @@ def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         verdict = judge_rate_by_chance(comparison.pairs, counts) if by_chance else worst
         words = describe_pairs(counts, comparison)
         findings = _list_pair_findings(verdicts, before.id, now, pages)
-    hidden = _find_hidden(before, now, comparison.pairs, by, closing)
+    sides, campaigns = (before.outcomes, now.outcomes), (before.campaign, now.campaign)
+    hidden = find_hidden(*sides, campaigns, comparison.pairs, by, closing)
     errored = len(hidden & now.outcomes.errored.keys())
     return Rerun(
         before=read_figures(before.campaign, len(before.outcomes.unresolved)),
@@ -262,23 +264,33 @@ def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
     )
 
 
-def _find_hidden(
-    before: RerunSide,
-    now: RerunSide,
+def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are judged
+    before: RunOutcomes[Row],
+    now: RunOutcomes[Row],
+    campaigns: tuple[Campaign, Campaign],
     pairs: McNemar | None,
     by: JudgedBy,
     closing: Collection[GateVerdict],
 ) -> set[int]:
-    """Return the episodes in doubt that would close the gate if they failed, by index."""
+    """Return the episodes in doubt that would close the gate if they failed, by index.
+
+    Args:
+        before: outcomes of the baseline.
+        now: outcomes of the new planner.
+        campaigns: the campaigns of both.
+        pairs: McNemar's test on pairs of episodes; None if they have no counterparts.
+        by: whether each episode counts, or all of them together.
+        closing: verdicts that close the gate.
+    """
     # The worst case: every episode in doubt fails with the new planner.
-    worst = judge_doubtful(before.outcomes, now.outcomes)
+    worst = judge_doubtful(before, now)
     if by is JudgedBy.EPISODE:
         return {index for index, verdict in worst.items() if verdict in closing}
     if pairs is None:
-        verdict = _judge_worst_rate(before.campaign, now.campaign, len(now.outcomes.unresolved))
+        verdict = _judge_worst_rate(*campaigns, len(now.unresolved))
     else:
         # A pair that was fixed, and is in doubt now, fails on both sides in the worst case.
-        was_fixed = len(before.outcomes.failures.keys() & now.outcomes.unresolved.keys())
+        was_fixed = len(before.failures.keys() & now.unresolved.keys())
         counts = Counter(worst.values())
         totals = PairTotals(
             both=pairs.both + counts[GateVerdict.STILL_FAILING],
