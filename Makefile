@@ -80,6 +80,6 @@ docs: .venv/installed ## write what documents take from the code, and build them
 	$(BIN)/python tests/docs/rest_table.py
 	$(BIN)/python tests/docs/measure_tables.py
 	$(BIN)/python tests/docs/fault_table.py
-	$(BIN)/python -m eigenfail.cli.reference docs/cli.md
+	$(BIN)/python tests/support/cli_reference.py docs/cli.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 	@echo "Open .site/index.html, or serve it: $(BIN)/python -m http.server --directory .site"

@@ -112,6 +112,12 @@ def document_stream() -> Node:
     return {"responses": {200: {"content": {STREAM: stream}}, "default": problem_response()}}
 
 
+def document_file(media_type: str) -> Node:
+    """Return what `document_route` returns, for a file of a media type."""
+    content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
+    return {"responses": {200: {"content": content}, "default": problem_response()}}
+
+
 def problem_response() -> Node:
     """Return the description of an answer that is a problem."""
     return {"description": "A problem.", "content": {http.PROBLEM_JSON: schema(http.Problem)}}

@@ -9,7 +9,6 @@ import msgspec
 from fastapi import Depends, Header, HTTPException, Path, Query, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.responses import JSONResponse
-from fastapi.routing import APIRoute
 
 from eigenfail.errors import InvalidValue, PreconditionFailed, UnknownName
 from eigenfail.settings import LARGEST_INTEGER
@@ -74,23 +73,15 @@ async def refuse_other_media(request: Request) -> None:
     # Pages are for browsers, which accept anything; only routes of the API declare media types.
     if not route.include_in_schema:
         return
-    sent, read = request.headers.get("content-type"), _media_read(route)
+    body = (route.openapi_extra or {}).get("requestBody", {})
+    sent, read = request.headers.get("content-type"), {*body.get("content", {})}
     if sent and read and _strip(sent) not in read:
         raise HTTPException(415, f"The body is {_strip(sent)}; this route accepts {_join(read)}.")
-    accepted, written = request.headers.get("accept", "*/*"), _media_written(route)
+    found = [each for status, each in route.responses.items() if str(status).startswith("2")]
+    written = {_strip(kind) for each in found for kind in each.get("content", {})}
+    accepted = request.headers.get("accept", "*/*")
     if written and not any(_accepts(accepted, kind) for kind in written):
         raise HTTPException(406, f"This route returns {_join(written)}, not {accepted}.")
-
-
-def _media_read(route: APIRoute) -> set[str]:
-    return {*(route.openapi_extra or {}).get("requestBody", {}).get("content", {})}
-
-
-def _media_written(route: APIRoute) -> set[str]:
-    successes = (
-        response for status, response in route.responses.items() if str(status).startswith("2")
-    )
-    return {_strip(kind) for response in successes for kind in response.get("content", {})}
 
 
 def _strip(kind: str) -> str:

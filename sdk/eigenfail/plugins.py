@@ -4,6 +4,7 @@ import logging
 import re
 from ast import literal_eval
 from collections.abc import Iterable
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.abc import InspectLoader
@@ -39,6 +40,34 @@ CLASS_PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 DISTRIBUTION = "eigenfail"
 """The distribution whose entry points are eigenfail's own."""
+
+PACKAGES = {
+    METHODS: dict.fromkeys(("annealing", "chains", "go_explore", "optuna"), "eigenfail-searches")
+}
+"""The packages under plugins/ that bring plug-ins which were once in the core, by group and name.
+
+A campaign file that names one gets the package to install, not a list of other methods.
+"""
+
+
+def list_groups() -> set[str]:
+    """Return the groups of entry points that are read: the constants above."""
+    values = (value for name, value in globals().items() if name.isupper())
+    return {each for each in values if isinstance(each, str) and each.startswith("eigenfail.")}
+
+
+def list_misspelt_groups() -> dict[str, str]:
+    """Return the groups of installed entry points that nothing reads, with the one that was meant.
+
+    Their names are ignored without an error: a group is what a package writes, and any is allowed.
+    """
+    known = {group.removeprefix("eigenfail."): group for group in list_groups()}
+    found = {}
+    for group in sorted(entry_points().groups - list_groups()):
+        word = re.sub("^eigenfail[._-]", "", group)
+        if word != group and (close := get_close_matches(word.replace("-", "_"), known, n=1)):
+            found[group] = known[close[0]]
+    return found
 
 
 def list_claims(group: str) -> dict[str, list[EntryPoint]]:
@@ -129,7 +158,10 @@ def load(group: str, name: str) -> Any:
     field = group.removeprefix("eigenfail.").removesuffix("s")
     point = list_entry_points(group).get(name)
     if point is None:
-        raise UnknownName(field, name, names(group))
+        package = PACKAGES.get(group, {}).get(name)
+        absent = f"'{name}' is in the package {package}, which is not installed here (in a clone: "
+        problem = f"{absent}pip install plugins/{package})." if package else ""
+        raise UnknownName(field, name, names(group), problem)
     if len(claims := list_claims(group).get(name, ())) > 1:
         raise describe_conflict(group, name, map(name_distribution, claims))
     try:

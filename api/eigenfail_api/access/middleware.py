@@ -34,9 +34,6 @@ LOGGERS = ("uvicorn.error", "eigenfail.access", "asyncio")
 LONGEST = 200
 """Most characters of a text in the audit log."""
 
-SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
-"""Methods that change nothing."""
-
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="eigenfail"'}
 HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[^\[\]:]+)(:\d+)?")
 
@@ -167,8 +164,12 @@ def _refuse_keys_in_address(scope: Asked) -> None:
 def _refuse(request: Request, error: EigenfailError | HTTPException) -> Response:
     """Return a refusal, as a page for browsers; those without a key are sent to the login."""
     path = request.url.path
-    if isinstance(error, Unauthorized) and _is_visit(request):
-        return RedirectResponse(f"/login?next={quote(_format_address(request))}", 303)
+    # A browser that fetches a piece of a page would put the page of the login into it.
+    is_visit = request.method == "GET" and "hx-request" not in request.headers
+    if isinstance(error, Unauthorized) and is_visit and wants_page(request):
+        place, query = quote(request.scope["path"]), request.url.query
+        back = quote(f"{place}?{query}" if query else place)
+        return RedirectResponse(f"/login?next={back}", 303)
     if isinstance(error, HTTPException):
         problem = make_untyped_problem(
             error.status_code, error.detail, path, "Wait, and try again."
@@ -178,16 +179,6 @@ def _refuse(request: Request, error: EigenfailError | HTTPException) -> Response
         headers = CHALLENGE if isinstance(error, Unauthorized) else retry_headers(error)
         response = answer(make_problem(error, path), headers)
     return as_page(response) if wants_page(request) else response
-
-
-def _is_visit(request: Request) -> bool:
-    """Return whether a browser opens a page, and does not fetch a piece of one."""
-    return request.method == "GET" and wants_page(request) and "hx-request" not in request.headers
-
-
-def _format_address(request: Request) -> str:
-    path, query = quote(request.scope["path"]), request.url.query
-    return f"{path}?{query}" if query else path
 
 
 @asynccontextmanager
@@ -258,18 +249,17 @@ class Preconditions:
 
     async def __call__(self, scope: Asked, receive: Receive, send: Send) -> None:
         """Pass a request on, or answer 412."""
-        if _is_conditional(scope) and not await holds(self._app, scope, PREFIX):
+        is_change = (
+            scope["type"] == "http"
+            and scope["method"] not in authentication.SAFE
+            and scope["path"].startswith(PREFIX)
+        )
+        is_conditional = is_change and "if-match" in Headers(scope=scope)
+        if is_conditional and not await holds(self._app, scope, PREFIX):
             problem = make_problem(make_outdated_error(), scope["path"])
             await answer(problem)(scope, receive, send)
         else:
             await self._app(scope, receive, send)
-
-
-def _is_conditional(scope: Asked) -> bool:
-    """Return whether a request is a change with `If-Match`."""
-    if scope["type"] != "http" or scope["method"] in SAFE or not scope["path"].startswith(PREFIX):
-        return False
-    return "if-match" in Headers(scope=scope)
 
 
 class RedactingFilter(logging.Filter):

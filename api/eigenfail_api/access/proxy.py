@@ -8,7 +8,7 @@ changes which address the peer has. The headers of other peers are ignored.
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address
+from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address
 
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Receive, Send
@@ -125,12 +125,17 @@ class ProxySignIn:
 
 
 def is_within(address: str, networks: Networks) -> bool:
-    """Return whether an address is in one of the networks; one of IPv4 in IPv6 is that of IPv4."""
+    """Return whether an address is in one of the networks."""
+    parsed = parse_address(address)
+    return parsed is not None and any(parsed in network for network in networks)
+
+
+def parse_address(address: str) -> IPv4Address | IPv6Address | None:
+    """Return an address, one of IPv4 in IPv6 as that of IPv4; None if the text is no address."""
     try:
         # A link-local address of IPv6 may end with % and the name of an interface.
         parsed = ip_address(address.partition("%")[0])
     except ValueError:
-        return False
-    if isinstance(parsed, IPv6Address) and parsed.ipv4_mapped is not None:
-        parsed = parsed.ipv4_mapped
-    return any(parsed in network for network in networks)
+        return None
+    mapped = parsed.ipv4_mapped if isinstance(parsed, IPv6Address) else None
+    return mapped or parsed

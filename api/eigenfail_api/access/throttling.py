@@ -6,11 +6,13 @@ Both keep a bounded table in memory: an attacker who changes addresses must not 
 import logging
 from collections import OrderedDict
 from dataclasses import dataclass
-from ipaddress import IPv6Address, ip_address
+from ipaddress import IPv6Address
 from math import ceil
 from threading import Lock
 
 from fastapi import HTTPException
+
+from eigenfail_api.access.proxy import parse_address
 
 BURST_S = 5.0
 """Requests of this duration may come at once."""
@@ -163,13 +165,8 @@ class LoginThrottle:
 
 def network_of(address: str) -> str:
     """Return the network whose failures are counted together: of IPv6, the first 64 bits."""
-    try:
-        parsed = ip_address(address.partition("%")[0])
-    except ValueError:
-        return address
+    parsed = parse_address(address)
     if not isinstance(parsed, IPv6Address):
-        return str(parsed)
-    if parsed.ipv4_mapped is not None:
-        return str(parsed.ipv4_mapped)
+        return address if parsed is None else str(parsed)
     host_bits = 128 - NETWORK_BITS
     return f"{IPv6Address(int(parsed) >> host_bits << host_bits)}/{NETWORK_BITS}"

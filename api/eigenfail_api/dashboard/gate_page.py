@@ -15,7 +15,7 @@ from eigenfail.presentation.figures import format_count
 from eigenfail_api.dashboard.release_page import MARKS
 from eigenfail_api.dashboard.rendering import Badge, make_pager, page
 from eigenfail_api.parameters import Before, Stored
-from eigenfail_api.routes.gates import GateId
+from eigenfail_api.routes.versions import GateId
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 

@@ -11,7 +11,7 @@ from eigenfail.presentation import releases
 from eigenfail.values.release import ModeSighting, ModeStatus
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import AnalysisId, CampaignId, ModeNumber, Stored
-from eigenfail_api.routes.releases import RELEASES
+from eigenfail_api.routes.versions import RELEASES
 from eigenfail_services.comparison.releases import (
     find_history,
     list_questions,

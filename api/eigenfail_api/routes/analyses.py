@@ -1,4 +1,4 @@
-"""Routes of analyses, and of the proofs of their failure modes by replay."""
+"""Routes of analyses, of the proofs of their failure modes by replay, and of their triage."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ from eigenfail.values.records import Page
 from eigenfail.values.safety import TAIL_LEVEL, Safety
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.summary import CampaignCost
-from eigenfail.values.triage import TriageState
+from eigenfail.values.triage import Triage, TriageChange, TriageState, check_change
 from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
@@ -125,6 +125,39 @@ def prove_analysis(
 def get_proof(store: parameters.Stored, analysis: parameters.AnalysisId) -> parameters.Json:
     """Get the number of replays that failed again, by scenario, so far."""
     return parameters.Json(summarise_proof(store, store.analyses.get(analysis)))
+
+
+triage_router = APIRouter(prefix=PREFIX, tags=["triage"])
+
+TRIAGE = "/analyses/{analysis}/modes/{mode}/triage"
+
+
+async def read_change(
+    change: Annotated[TriageChange, Depends(parameters.body_of(TriageChange))],
+) -> TriageChange:
+    """Return the change of a request, without white space around its texts."""
+    return check_change(change)
+
+
+@triage_router.get(TRIAGE, **document_route(Triage))
+def get_mode_triage(
+    store: parameters.Stored, analysis: parameters.AnalysisId, mode: parameters.ModeNumber
+) -> parameters.Json:
+    """Get the triage of a failure mode."""
+    return parameters.Json(store.analyses.get_triage(analysis, mode))
+
+
+@triage_router.post(TRIAGE, **document_route(Triage, body=TriageChange))
+def triage_mode(  # noqa: PLR0913, PLR0917 - FastAPI reads a request from the parameters
+    store: parameters.Stored,
+    analysis: parameters.AnalysisId,
+    mode: parameters.ModeNumber,
+    change: Annotated[TriageChange, Depends(read_change)],
+    who: parameters.CallerName,
+    precondition: parameters.Precondition,
+) -> parameters.Json:
+    """Change the triage of a failure mode; fields that are left out do not change."""
+    return parameters.Json(store.analyses.change_triage(analysis, mode, change, who, precondition))
 
 
 figures_router = APIRouter(prefix=PREFIX, tags=["campaigns"])

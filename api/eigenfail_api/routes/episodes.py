@@ -1,7 +1,7 @@
 """Routes of episodes: lists, single results, explanations, replays and exports as files."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Response
@@ -17,11 +17,10 @@ from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import SerialExecutor
-from eigenfail_api.openapi import document_route, problem_response
+from eigenfail_api.openapi import document_file, document_route, problem_response
 from eigenfail_services import export_formats
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
 from eigenfail_services.campaigns.summary import find_worker
-from eigenfail_services.store import Store
 
 router = APIRouter(prefix=PREFIX, tags=["episodes"])
 
@@ -92,12 +91,6 @@ def read_page(
     return parameters.PageRequest(limit, after, with_total)
 
 
-def _find_channels(store: Store, campaign: int) -> tuple[str, ...]:
-    """Return the names of the channels of a campaign's noise."""
-    spec = store.campaigns.get(campaign).spec
-    return list_channels(spec)
-
-
 QueriedEpisodes = Annotated[EpisodeQuery, Depends(parse_query)]
 
 
@@ -125,7 +118,8 @@ def get_episode(
 ) -> parameters.Json:
     """Get an episode with its class, noise and, where it was kept, its scene."""
     result = store.episodes.get(campaign, index)
-    return parameters.Json(make_episode_detail(campaign, result, _find_channels(store, campaign)))
+    channels = list_channels(store.campaigns.get(campaign).spec)
+    return parameters.Json(make_episode_detail(campaign, result, channels))
 
 
 @router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))
@@ -177,7 +171,7 @@ def get_steps(
 ) -> Response:
     """Get the steps of an episode as CSV: noise and, where it was kept, the scene."""
     result = store.episodes.get(campaign, index)
-    text = write_steps(result, _find_channels(store, campaign))
+    text = write_steps(result, list_channels(store.campaigns.get(campaign).spec))
     name = f'attachment; filename="episode-{campaign}-{index}.csv"'
     return Response(text, media_type=STEPS_CSV, headers={"Content-Disposition": name})
 
@@ -188,14 +182,6 @@ WithNoise = Annotated[
     bool,
     Query(alias="noise", description="Whether each episode's z comes along, a column a channel."),
 ]
-
-
-def _document_file(kind: str) -> dict[str, Any]:
-    content = {kind: {"schema": {"type": "string", "format": "binary"}}}
-    return {
-        "response_class": StreamingResponse,
-        "responses": {200: {"content": content}, "default": problem_response()},
-    }
 
 
 def make_source(
@@ -212,19 +198,31 @@ def make_source(
 Source = Annotated[export_formats.ExportSource, Depends(make_source)]
 
 
-@router.get("/campaigns/{campaign}/episodes.csv", **_document_file(CSV))
+@router.get(
+    "/campaigns/{campaign}/episodes.csv",
+    response_class=StreamingResponse,
+    **document_file(CSV),
+)
 def stream_csv(source: Source) -> StreamingResponse:
     """Get finished episodes as CSV; text that a spreadsheet would compute begins with a '."""
     return _stream(source, export_formats.write_csv(source), CSV, "csv")
 
 
-@router.get("/campaigns/{campaign}/episodes.ndjson", **_document_file(NDJSON))
+@router.get(
+    "/campaigns/{campaign}/episodes.ndjson",
+    response_class=StreamingResponse,
+    **document_file(NDJSON),
+)
 def stream_ndjson(source: Source) -> StreamingResponse:
     """Get finished episodes, one JSON object per line."""
     return _stream(source, export_formats.write_ndjson(source), NDJSON, "ndjson")
 
 
-@router.get("/campaigns/{campaign}/episodes.parquet", **_document_file(PARQUET))
+@router.get(
+    "/campaigns/{campaign}/episodes.parquet",
+    response_class=StreamingResponse,
+    **document_file(PARQUET),
+)
 def stream_parquet(source: Source, with_noise: WithNoise = False) -> StreamingResponse:
     """Get finished episodes as Parquet, with their noise if asked."""
     export_formats.require_pyarrow()

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Response
 from eigenfail.contracts.recording import ANIMATION, EgoControl
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.concurrency import SerialExecutor
-from eigenfail_api.openapi import problem_response
+from eigenfail_api.openapi import document_file
 from eigenfail_api.parameters import AnalysisId, CampaignId, EpisodeIndex, ModeNumber, Stored
 from eigenfail_api.routes.episodes import EXPLANATIONS
 from eigenfail_services.campaigns import recordings
@@ -37,13 +37,7 @@ Ego = Annotated[
     ),
 ]
 
-FILE: dict[str, Any] = {
-    "response_class": Response,
-    "responses": {
-        200: {"content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}},
-        "default": problem_response(),
-    },
-}
+FILE: dict[str, Any] = {"response_class": Response, **document_file("*/*")}
 
 
 def _make_download(file: recordings.RecordingFile, name: str) -> Response:

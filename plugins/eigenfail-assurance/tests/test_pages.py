@@ -5,11 +5,11 @@ import shutil
 
 import deadlines
 import pytest
+from cli_reference import write_commands
 from typed_pages import seen, shell, type_in
 from typer.testing import CliRunner
 
 from eigenfail.cli.main import app
-from eigenfail.cli.reference import write_commands
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail_assurance.evidence.question import EvidenceQuestion
 from eigenfail_assurance.risk.question import RiskQuestion
@@ -77,7 +77,7 @@ def test_every_page_is_typed(plugin):
 
 def test_the_reference_is_the_help_of_today(plugin):
     text = (plugin / "README.md").read_text()
-    again = f"python -m eigenfail.cli.reference {FOLDER}/README.md {' '.join(COMMANDS)}"
+    again = f"python tests/support/cli_reference.py {FOLDER}/README.md {' '.join(COMMANDS)}"
     assert again in text
     assert write_commands(text, tuple(COMMANDS)) == text, again
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import deadlines
 import pytest
+from cli_reference import write_commands
 from typed_pages import shell, type_in
-
-from eigenfail.cli.reference import write_commands
 
 PLUGIN = Path(__file__).parents[1]
 PAGE = PLUGIN / "README.md"
@@ -29,7 +28,7 @@ def test_its_commands_run_in_order(tmp_path):
 
 def test_its_reference_is_the_help_of_today():
     text = PAGE.read_text()
-    again = f"python -m eigenfail.cli.reference plugins/{PLUGIN.name}/README.md noise"
+    again = f"python tests/support/cli_reference.py plugins/{PLUGIN.name}/README.md noise"
     assert write_commands(text, ["noise"]) == text, again
 
 

@@ -4,11 +4,11 @@ import re
 
 import deadlines
 import pytest
+from cli_reference import write_commands
 from typed_pages import seen, shell, type_in
 from typer.testing import CliRunner
 
 from eigenfail.cli.main import app
-from eigenfail.cli.reference import write_commands
 
 FOLDER = "plugins/eigenfail-reports"
 HELP = "Write a report on campaigns: one self-contained HTML file, and its data."
@@ -30,7 +30,7 @@ def test_the_page_runs_on_the_campaigns_of_the_demo(tmp_path):
 
 def test_the_reference_is_the_help_of_today(plugin):
     text = (plugin / "README.md").read_text()
-    again = f"python -m eigenfail.cli.reference {FOLDER}/README.md report"
+    again = f"python tests/support/cli_reference.py {FOLDER}/README.md report"
     assert again in text
     assert write_commands(text, ("report",)) == text, again
 

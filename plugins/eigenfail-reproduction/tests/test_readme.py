@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from eigenfail.cli.reference import write_commands
+from cli_reference import write_commands
 
 PLUGIN = Path(__file__).parents[1]
 PAGE = PLUGIN / "README.md"
@@ -10,7 +10,7 @@ PAGE = PLUGIN / "README.md"
 
 def test_its_reference_is_the_help_of_today():
     text = PAGE.read_text()
-    again = f"python -m eigenfail.cli.reference plugins/{PLUGIN.name}/README.md reproduce"
+    again = f"python tests/support/cli_reference.py plugins/{PLUGIN.name}/README.md reproduce"
     assert write_commands(text, ["reproduce"]) == text, again
 
 

@@ -147,12 +147,22 @@ def analyze(
         "features": features,
     }
     settings = convert(given, AnalysisSettings)
+    # Before anything is run: an analysis whose animations cannot be written would be in vain.
     if animations is not None:
-        make_folder(animations)
+        try:
+            animations.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            problem = f"{animations} cannot be made: {error.strerror or error}."
+            raise ServiceError(problem, "Choose a folder that you can write to.") from error
     with interruptible(), connect_to(context, url) as client:
         analysis = find_or_run_analysis(client, campaign, settings)
         proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
-        proven = tabulate_proof(client, analysis, proof) if proof else ()
+        proven: tuple[Block, ...] = ()
+        if proof:
+            # Robustness has the unit of the world that the campaign ran in.
+            unit = find_robustness_unit(client.campaigns.get(analysis.campaign).spec)
+            noun = analysis.result.cluster_noun if analysis.result else "mode"
+            proven = analyses.describe_proof(proof, noun, unit)
         if as_json:
             typer.echo(to_json({"analysis": analysis, "proof": proof}))
         elif analysis.result:
@@ -161,39 +171,15 @@ def analyze(
                 *analyses.describe_modes(campaign, result),
                 *analyses.describe_findings(result),
             )
-            words = (*analyses.list_mode_words(result), describe_place(analysis))
+            place = (
+                f"This is analysis {analysis.id}: /analyses/{analysis.id} of the dashboard. Name a "
+                f'mode by `eigenfail mode rename {analysis.id} 1 "a name"`.'
+            )
+            words = (*analyses.list_mode_words(result), place)
             make_console().print(render(*found, *words, *proven))
         # The result is printed first: it is not lost where an animation cannot be made.
         if animations is not None:
             write_animations(client, analysis, animations)
-
-
-def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Block, ...]:
-    """Return the proof of an analysis, in the units of its campaign's world."""
-    spec = client.campaigns.get(analysis.campaign).spec
-    noun = analysis.result.cluster_noun if analysis.result else "mode"
-    return analyses.describe_proof(proof, noun, find_robustness_unit(spec))
-
-
-def describe_place(analysis: Analysis) -> str:
-    """Return where an analysis is found again, and how its modes get names."""
-    return (
-        f"This is analysis {analysis.id}: /analyses/{analysis.id} of the dashboard. Name a mode by "
-        f'`eigenfail mode rename {analysis.id} 1 "a name"`.'
-    )
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder, unless it is there.
-
-    Raises:
-        ServiceError: it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        problem = f"{folder} cannot be made: {error.strerror or error}."
-        raise ServiceError(problem, "Choose a folder that you can write to.") from error
 
 
 def write_animations(client: Client, analysis: Analysis, folder: Path) -> None:

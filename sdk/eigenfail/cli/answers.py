@@ -59,6 +59,7 @@ def prints_answer(
                     answer = function(source, **given)
                 # A view that is watched asks the service again while it is printed.
                 answer.print(as_json)
+            # At the end, so that the client is closed and the answer is out.
             if answer.exit_code:
                 raise typer.Exit(answer.exit_code)
 

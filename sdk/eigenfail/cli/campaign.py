@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from eigenfail import plugins
 from eigenfail.cli import completion, options
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
@@ -159,7 +160,10 @@ def _make_command(act: Act) -> Callable[..., None]:
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]
 Method = Annotated[
     str | None,
-    typer.Option(help="Only campaigns of this method.", autocompletion=completion.complete_methods),
+    typer.Option(
+        help="Only campaigns of this method.",
+        autocompletion=completion.complete_plugins(plugins.METHODS),
+    ),
 ]
 Search = Annotated[
     str | None,

@@ -5,11 +5,10 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Url
-from eigenfail.cli.render import show
+from eigenfail.cli.answers import prints_answer
+from eigenfail.cli.render import CommandResult
+from eigenfail.client import Client
 from eigenfail.errors import InvalidValue
-from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.campaigns import describe_comparison
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
@@ -24,13 +23,8 @@ SideIds = Annotated[
 
 
 @app.command()
-def compare(
-    context: typer.Context,
-    a: SideIds,
-    b: SideIds,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer()
+def compare(client: Client, a: SideIds, b: SideIds) -> CommandResult:
     """Compare two campaigns, or several seeds of each.
 
     Failure rates and their difference, with 95 % intervals where both drew noise from p(x); cost
@@ -38,10 +32,11 @@ def compare(
     same seed) McNemar's exact test on pairs of episodes; over seeds, where there are enough of
     them, the Vargha-Delaney effect size of the failure rates.
     """
+    # Read first: a mistyped id costs no comparison.
     sides = _parse_campaign_ids("A", a), _parse_campaign_ids("B", b)
-    with connect_to(context, url) as client, announce("Comparing the campaigns"):
+    with announce("Comparing the campaigns"):
         found = client.campaigns.compare(*sides)
-    show(found, as_json, lambda: render(*describe_comparison(found)))
+    return CommandResult(found, lambda: render(*describe_comparison(found)))
 
 
 def _parse_campaign_ids(side: str, text: str) -> tuple[int, ...]:

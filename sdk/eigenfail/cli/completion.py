@@ -4,11 +4,13 @@ A shell waits for it: whatever is not at hand within a moment is not offered.
 """
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InvalidValue
 
 if TYPE_CHECKING:
@@ -25,34 +27,25 @@ def find_shell(named: str) -> str:
     Raises:
         InvalidValue: there is no script for it, or none was named and none runs this program.
     """
-    if not named:
-        return detect_shell()
-    if named not in SHELLS:
-        remedy = f"Name one of {', '.join(SHELLS)}."
-        raise InvalidValue("shell", f"Completion is not available for {named!r}.", remedy)
-    return named
-
-
-def detect_shell() -> str:
-    """Return the shell among the parent processes.
-
-    Raises:
-        InvalidValue: there is none, or no script for it.
-    """
     import shellingham
 
     try:
-        return find_shell(shellingham.detect_shell()[0])
+        shell = named or shellingham.detect_shell()[0]
     except shellingham.ShellDetectionFailure:
         raise InvalidValue(
             "shell",
             "The shell could not be detected.",
             "Name the shell, as in `eigenfail --show-completion bash`.",
         ) from None
+    if shell not in SHELLS:
+        remedy = f"Name one of {', '.join(SHELLS)}."
+        raise InvalidValue("shell", f"Completion is not available for {shell!r}.", remedy)
+    return shell
 
 
 def make_script(program: str, shell: str) -> str:
     """Return the script that makes a shell complete the commands of a program."""
+    # typer has this module, but does not export its functions.
     from typer import completion as scripts
 
     return str(
@@ -79,6 +72,7 @@ def _name_variable(program: str) -> str:
 
 def complete_campaigns(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     """The newest campaigns of the service that would be asked, with their names."""
+    # The HTTP client is loaded only if ids are asked for: each TAB waits for the imports above.
     from eigenfail.cli.connection import find_address
 
     asked = context.params.get("url") or os.environ.get("EIGENFAIL_URL") or ""
@@ -87,6 +81,7 @@ def complete_campaigns(context: typer.Context, incomplete: str) -> list[tuple[st
             found = client.campaigns.list().first(MOST) if client.health() else ()
     except (EigenfailError, OSError, ValueError):
         return []
+    # The shell would filter, too, but some show all that they get.
     ids = [(str(campaign.id), campaign.spec.name) for campaign in found]
     return [(number, name) for number, name in ids if number.startswith(incomplete)]
 
@@ -98,23 +93,10 @@ def connect(url: str) -> "Client":
     return Client(url)
 
 
-def complete_planners(incomplete: str) -> list[str]:
-    """The planners that are installed here."""
-    return _list_beginning("eigenfail.planners", incomplete)
+def complete_plugins(group: str) -> Callable[[str], list[str]]:
+    """Return what completes the names of the plug-ins of a group that are installed here."""
 
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in plugins.names(group) if name.startswith(incomplete)]
 
-def complete_scenarios(incomplete: str) -> list[str]:
-    """The scenarios that are installed here."""
-    return _list_beginning("eigenfail.scenarios", incomplete)
-
-
-def complete_methods(incomplete: str) -> list[str]:
-    """The methods that are installed here."""
-    return _list_beginning("eigenfail.methods", incomplete)
-
-
-def _list_beginning(group: str, incomplete: str) -> list[str]:
-    """The plug-ins of a group whose names begin so."""
-    from eigenfail.plugins import names
-
-    return [name for name in names(group) if name.startswith(incomplete)]
+    return complete

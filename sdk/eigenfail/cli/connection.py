@@ -25,7 +25,7 @@ from eigenfail.hosting.processes import interruptible
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.suites import Suite, list_references, replace_references
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.wire.http import Problem, make_error
+from eigenfail.wire.http import make_error
 from eigenfail.worlds import world_of
 
 
@@ -43,6 +43,7 @@ def connect_to(context: typer.Context, url: str) -> Client:
         InvalidValue: it is not an address.
     """
     url = find_address(context, url)
+    # Tests and programs put a service of their own process in its place.
     surroundings = context.find_object(Environment) or Environment()
     try:
         return surroundings.connect(url)
@@ -112,21 +113,16 @@ def connect_for_campaign(
         open_place(context, spec, url, plan) as place,
         connect_to(context, place.url) as client,
     ):
-        if not place.again and ADDRESS_VARIABLE in os.environ:
-            _warn_of_unused_bridge(spec, place.url)
+        is_unused = not place.again and ADDRESS_VARIABLE in os.environ
+        if is_unused and world_of(spec.simulator).needs_bridge:
+            typer.echo(
+                f"{ADDRESS_VARIABLE} has no effect here: the service at {place.url} runs already, "
+                "and has bridges from its own workers. Start a worker for yours with `eigenfail "
+                f"worker --connect HUB {ADDRESS_OPTION} ADDRESS`, or let this command start a "
+                "service of its own with `--data FOLDER`.",
+                err=True,
+            )
         yield client, place
-
-
-def _warn_of_unused_bridge(spec: CampaignSpec, url: str) -> None:
-    """Say that a service that runs already has its bridges from its own workers."""
-    if world_of(spec.simulator).needs_bridge:
-        typer.echo(
-            f"{ADDRESS_VARIABLE} has no effect here: the service at {url} runs already, and has "
-            "bridges from its own workers. Start a worker for yours with `eigenfail worker "
-            f"--connect HUB {ADDRESS_OPTION} ADDRESS`, or let this command start a service of its "
-            "own with `--data FOLDER`.",
-            err=True,
-        )
 
 
 @contextmanager
@@ -156,13 +152,10 @@ def _refuse_early(client: Client, suite: Suite) -> None:
     """Check members that name no earlier campaign; raise the first objection of the service."""
     for member, campaign in zip(suite.members, client.suites.find(suite), strict=True):
         if campaign is None and not list_references(member.spec):
-            for problem in client.campaigns.check(member.spec).problems:
-                raise make_error(_name_member(f"member '{member.name}': ", problem))
-
-
-def _name_member(where: str, problem: Problem) -> Problem:
-    """Return the error with the name of the suite's member in front."""
-    return replace(problem, field=where + problem.field, detail=where + problem.detail)
+            for each in client.campaigns.check(member.spec).problems:
+                where = f"member '{member.name}': "
+                named = replace(each, field=where + each.field, detail=where + each.detail)
+                raise make_error(named)
 
 
 @contextmanager

@@ -1,9 +1,11 @@
 """`eigenfail doctor`: installed packages, services that answer, and missing parts."""
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -33,7 +35,7 @@ from eigenfail.methods import find_narrow_campaigns
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.progress import announce
 from eigenfail.values.campaign import CampaignState
-from eigenfail.values.operations import Presence, Verification
+from eigenfail.values.operations import Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
@@ -67,19 +69,20 @@ def list_versions() -> Iterator[Finding]:
 
 
 def list_plugins() -> Iterator[Finding]:
-    """Which plug-ins there are, by group, and whether each can be loaded."""
-    for group in GROUPS:
+    """Which plug-ins there are, by group, those that cannot be loaded, and groups nobody reads."""
+    # Extensions of the API are left out by a service that cannot load them: its log says so, and
+    # their pages are missing. Where no service can run, they cannot be loaded, and need not be.
+    of_service = (plugins.ROUTES,) if find_spec("fastapi") else ()
+    for group in (*GROUPS, *of_service):
         yield Finding(group, ", ".join(plugins.names(group)) or "none")
-        yield from _list_broken_plugins(group)
-
-
-def _list_broken_plugins(group: str) -> Iterator[Finding]:
-    """Plug-ins that are registered and cannot be loaded."""
-    for name in plugins.names(group):
-        try:
-            plugins.load(group, name)
-        except InvalidValue as error:
-            yield Finding(f"{group}: {name}", error.problem, wrong=True)
+        for name in plugins.names(group):
+            try:
+                plugins.load(group, name)
+            except InvalidValue as error:
+                yield Finding(f"{group}: {name}", error.problem, wrong=True)
+    for group, meant in plugins.list_misspelt_groups().items():
+        found = "no such group of entry points: its plug-ins are ignored"
+        yield Finding(group, found, True, f"in their package, write {meant}")
 
 
 def describe_episode_loop() -> Iterator[Finding]:
@@ -116,8 +119,7 @@ def check_service(context: typer.Context, url: str) -> Iterator[Finding]:
         if trouble is None:
             yield Finding(what, "answers")
             yield check_workers(client)
-            yield from list_unrunnable_campaigns(client)
-            yield from list_narrow_campaigns(client)
+            yield from list_troubled_campaigns(client)
         elif isinstance(trouble, StoreUnavailable):
             yield Finding(what, trouble.problem, True, trouble.remedy)
         else:
@@ -133,35 +135,23 @@ def check_workers(client: Client) -> Finding:
     except EigenfailError as error:
         return Finding("workers", error.problem, remedy=error.remedy)
     if here:
-        return Finding("workers", f"{len(here)} connected{_describe_versions(here)}")
+        releases = sorted({each.versions.get("eigenfail", "unknown") for each in here})
+        differing = f", of eigenfail {' and '.join(releases)}" if len(releases) > 1 else ""
+        return Finding("workers", f"{len(here)} connected{differing}")
     state = "no workers are connected" + (", and campaigns are waiting" if waits else "")
     return Finding("workers", f"{state}. {said}" if said else state, waits, NO_WORKER)
 
 
-def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
-    """Campaigns that none of those who are connected can run."""
-    try:
-        stranded = client.staffing().stranded
-    except EigenfailError:
-        return
-    yield from (Finding(f"campaign {each.campaign}", each.message, True) for each in stranded)
-
-
-def list_narrow_campaigns(client: Client) -> Iterator[Finding]:
-    """Campaigns that leave workers idle, since they run too few episodes at a time."""
-    try:
+def list_troubled_campaigns(client: Client) -> Iterator[Finding]:
+    """Campaigns that no connected worker can run, and those that leave workers idle."""
+    # A service that fails here has said so at the check of the workers.
+    with suppress(EigenfailError):
+        for event in client.staffing().stranded:
+            yield Finding(f"campaign {event.campaign}", event.message, True)
         workers = len(client.present_workers())
         running = list(client.campaigns.list(CampaignState.RUNNING))
-    except EigenfailError:
-        return
-    for each in find_narrow_campaigns(running, workers):
-        yield Finding(f"campaign {each.campaign}", each.found, remedy=each.remedy)
-
-
-def _describe_versions(workers: Sequence[Presence]) -> str:
-    """Of which releases they are, where they differ."""
-    found = sorted({worker.versions.get("eigenfail", "unknown") for worker in workers})
-    return f", of eigenfail {' and '.join(found)}" if len(found) > 1 else ""
+        for each in find_narrow_campaigns(running, workers):
+            yield Finding(f"campaign {each.campaign}", each.found, remedy=each.remedy)
 
 
 def check_database(database: str | None, replay: int) -> Iterator[Finding]:
@@ -180,11 +170,6 @@ def check_database(database: str | None, replay: int) -> Iterator[Finding]:
     except EigenfailError as error:
         yield Finding("database", error.problem, wrong=True, remedy=error.remedy)
         return
-    yield from _list_database_checks(found)
-
-
-def _list_database_checks(found: Verification) -> Iterator[Finding]:
-    """Return the results of a database check: overall, and each check."""
     state = f"{found.database}: {found.defects or 'no'} defects"
     remedy = "eigenfail db verify lists them" if found.defects else ""
     yield Finding("database", state, bool(found.defects), remedy)
@@ -216,7 +201,7 @@ PlannerPlugin = Annotated[
         "--planner",
         metavar=PLACE,
         help="Check this planner.",
-        autocompletion=completion.complete_planners,
+        autocompletion=completion.complete_plugins(plugins.PLANNERS),
     ),
 ]
 ScenarioPlugin = Annotated[
@@ -225,7 +210,7 @@ ScenarioPlugin = Annotated[
         "--scenario",
         metavar=PLACE,
         help="Check this scenario.",
-        autocompletion=completion.complete_scenarios,
+        autocompletion=completion.complete_plugins(plugins.SCENARIOS),
     ),
 ]
 BridgeAddress = Annotated[
@@ -279,6 +264,7 @@ def doctor(
         _refuse_besides("--golden", {**of_bridge, **of_plugins, **of_database})
         _write_golden_messages(golden, as_json)
         return
+    # Each of these looks at one thing only, and has an exit code of its own.
     if bridge:
         _refuse_besides("--bridge", {**of_plugins, **of_database})
         _check_bridge(bridge, campaign, as_json)
@@ -318,9 +304,14 @@ def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> 
     """Hold plug-ins against their contracts."""
     with announce(f"Checking {' and '.join(filter(None, (planner, scenario)))}"):
         checks = check_plugins(planner, scenario)
+    _show_checks(checks, as_json, BROKEN)
+
+
+def _show_checks(checks: list[CheckResult], as_json: bool, exit_code: int) -> None:
+    """Print checks, and end with an exit code if a contract is broken."""
     show(checks, as_json, lambda: tabulate_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
-        raise typer.Exit(BROKEN)
+        raise typer.Exit(exit_code)
 
 
 def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
@@ -331,10 +322,7 @@ def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
         raise InvalidValue("simulator", problem, f'Write simulator = "{SIMULATOR}".')
     with announce(f"Checking the bridge at {address}"):
         answer = ask_about_bridges(BridgeCheck(check_address(address), spec))
-    checks = msgspec.json.decode(answer, type=list[CheckResult])
-    show(checks, as_json, lambda: tabulate_checks(checks))
-    if any(check.verdict is CheckVerdict.BROKEN for check in checks):
-        raise typer.Exit(TROUBLE)
+    _show_checks(msgspec.json.decode(answer, type=list[CheckResult]), as_json, TROUBLE)
 
 
 def _write_golden_messages(folder: Path, as_json: bool) -> None:

@@ -8,6 +8,7 @@ import msgspec
 import typer
 from msgspec.structs import replace
 
+from eigenfail import plugins
 from eigenfail.cli import completion, options
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
@@ -64,6 +65,7 @@ def replay(client: Client, episode: options.EpisodeId) -> CommandResult:
         replayed = redraw_episode(spec, row)
     else:
         replayed = replay_episode(spec, stored)
+    # Versions are compared only if results differ: most replays need no second question.
     if not replayed.same:
         differing = _list_differences(client, spec, campaign, index)
         replayed = replace(replayed, differing=differing)
@@ -318,7 +320,8 @@ OfProject = Annotated[str | None, typer.Option(help="Only failures of this proje
 OfPlanner = Annotated[
     str | None,
     typer.Option(
-        help="Only failures of this planner.", autocompletion=completion.complete_planners
+        help="Only failures of this planner.",
+        autocompletion=completion.complete_plugins(plugins.PLANNERS),
     ),
 ]
 OfPlannerVersion = Annotated[
@@ -327,7 +330,8 @@ OfPlannerVersion = Annotated[
 OfMethod = Annotated[
     str | None,
     typer.Option(
-        help="Only failures that this method found.", autocompletion=completion.complete_methods
+        help="Only failures that this method found.",
+        autocompletion=completion.complete_plugins(plugins.METHODS),
     ),
 ]
 FailureSort = Annotated[str, typer.Option(help=f"{' or '.join(FAILURE_ORDERS)}.")]

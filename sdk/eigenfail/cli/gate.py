@@ -1,6 +1,7 @@
 """`eigenfail gate`: new, fixed and remaining failures of another version of a planner."""
 
 import re
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from hashlib import sha256
 from importlib.metadata import distributions
@@ -9,13 +10,17 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 from typer.core import TyperGroup
 
-from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to, this_command
+from eigenfail.cli.answers import prints_answer
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.gate_runs import Runner
-from eigenfail.cli.gate_tables import draw_report, draw_summaries
-from eigenfail.cli.options import AsJson, Data, Limit, Url, Workers
-from eigenfail.cli.render import INTERRUPTED, first_rows, show
+from eigenfail.cli.options import AsJson, Data, Limit, Workers
+from eigenfail.cli.render import INTERRUPTED, CommandResult, first_rows, show
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
@@ -25,18 +30,17 @@ from eigenfail.gate.report import (
     GateReport,
     GateRun,
     describe_conclusion,
+    list_conclusions,
     to_junit,
 )
-from eigenfail.gate.reruns import JudgedBy
-from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
+from eigenfail.gate.reruns import GateFinding, JudgedBy
+from eigenfail.gate.results import GateSummary
+from eigenfail.gate.verdicts import CLOSING, GateVerdict
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
+from eigenfail.presentation.figures import UNKNOWN, format_utc
+from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
-
-
-def _check_folder(junit: Path | None) -> None:
-    """Raises InvalidValue, before anything is run, if no report can be written there."""
-    if junit and not junit.parent.is_dir():
-        raise InvalidValue("junit", f"Folder {junit.parent} does not exist.", "Create it first.")
 
 
 def _write_junit(file: Path, content: bytes) -> None:
@@ -45,6 +49,8 @@ def _write_junit(file: Path, content: bytes) -> None:
     Raises:
         InvalidValue: it cannot be written.
     """
+    # Written beside it, then renamed: a pipeline that reads the file while it is written, or after
+    # the disk was full, would take half a report for all of it.
     draft = file.with_name(f"{file.name}.new")
     try:
         draft.write_bytes(content)
@@ -67,10 +73,12 @@ def fingerprint(suite: Suite) -> str:
         InvalidValue: a package whose code cannot be found.
     """
     digest = sha256()
+    # Sorted, since the order of files and packages on a disk is that of their installation.
     for package in sorted({name for each in suite.members for name in list_packages(each.spec)}):
         for name, content in read_package_files(package):
             digest.update(f"{package}/{name}\0{len(content)}\0".encode() + content)
-    digest.update("\n".join(_list_installed_packages()).encode())
+    installed = {f"{each.metadata['Name']}=={each.version}" for each in distributions()}
+    digest.update("\n".join(sorted(installed)).encode())
     settings = [
         (each.name, each.spec.planner, each.spec.planner_settings) for each in suite.members
     ]
@@ -78,56 +86,116 @@ def fingerprint(suite: Suite) -> str:
     return digest.hexdigest()[:LENGTH]
 
 
-def _list_installed_packages() -> list[str]:
-    """Return all installed packages with their versions."""
-    return sorted({f"{each.metadata['Name']}=={each.version}" for each in distributions()})
-
-
 VERSION = re.compile(r"[\w.+/-]{1,80}")
 
 
-def _find_baseline_version(baseline: str | None) -> str:
-    """The baseline that was named; empty where this run becomes one.
+def _find_version(given: str, suite: Suite, url: str | None) -> str:
+    """Return the version that was given, or else a fingerprint of the planners installed here.
 
     Raises:
-        InvalidValue: the name is empty, as that of a variable that was never set.
+        InvalidValue: it cannot be part of a name; or none is given, and the planners are elsewhere.
     """
-    if baseline is not None and not baseline.strip():
-        raise InvalidValue("baseline", "is empty.", "Specify a baseline, or omit --baseline.")
-    return baseline or ""
-
-
-def _check_version(version: str) -> str:
-    """The version that was given; empty if none was.
-
-    Raises:
-        InvalidValue: it cannot be part of a name.
-    """
-    if version and not VERSION.fullmatch(version):
+    if given and not VERSION.fullmatch(given):
         raise InvalidValue(
             "planner-version",
-            f"'{version}' is not a valid version: use up to 80 letters, digits and . _ + / -.",
+            f"'{given}' is not a valid version: use up to 80 letters, digits and . _ + / -.",
             "Give a commit or a tag.",
         )
-    return version
-
-
-def _find_own_version(suite: Suite, url: str | None) -> str:
-    """A fingerprint of the planners that are installed here.
-
-    Raises:
-        InvalidValue: those that are tested are elsewhere.
-    """
-    if url:
+    if url and not given:
         raise InvalidValue(
             "planner-version",
             "is not given, and the code of a remote service cannot be read.",
             "Name the installed version, such as a commit.",
         )
-    return fingerprint(suite)
+    return given or fingerprint(suite)
 
 
-CLOSED = 1
+SHOWN = 5
+"""How many failures of each member that close the gate are printed; --json and JUnit have more."""
+
+
+def draw_report(report: GateReport) -> Group:
+    """Return the tables of a report, and its conclusions in sentences."""
+    drawn = [draw(report) for draw in (_draw_known, _draw_reruns, _draw_modes, _draw_findings)]
+    spaced = [part for table in drawn if table.row_count for part in (table, Text())]
+    return Group(*spaced, *map(Text, list_conclusions(report)))
+
+
+def _draw_known(report: GateReport) -> Table:
+    """The known failures of the baseline, one a row."""
+    grid = start_grid("member", "known failure", "now", "replay")
+    for member in report.members:
+        for known in member.known:
+            cells = (member.member, known.what, known.verdict, known.replay or UNKNOWN)
+            grid.add_row(*map(escape, cells))
+    return grid
+
+
+def _draw_reruns(report: GateReport) -> Table:
+    """The campaigns that were run again: failures before and now, what became of them, and why."""
+    counted = ("baseline", "failures", "rerun", "failures now", "new", "fixed", "still failing")
+    grid = start_grid("member", *counted, "verdict", "because", right=counted)
+    for member in report.members:
+        if (rerun := member.rerun) is None:
+            continue
+        sides = (
+            text
+            for side in (rerun.before, rerun.now)
+            for text in (str(side.campaign), f"{side.failures}/{side.completed}")
+        )
+        nothing = UNKNOWN if rerun.unpaired_because else "0"
+        verdicts = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
+        counts = (str(rerun.counts.get(each, nothing)) for each in verdicts)
+        cells = (member.member, *sides, *counts, rerun.verdict, rerun.summary)
+        grid.add_row(*map(escape, cells))
+    return grid
+
+
+def _draw_modes(report: GateReport) -> Table:
+    """The failure modes of both versions, one a row."""
+    counted = ("failures", "failures now")
+    grid = start_grid("members", "failure mode", "over releases", *counted, right=counted)
+    for each in report.matched:
+        for mode in each.modes:
+            numbers = (f"{mode.before:,}", f"{mode.now:,}")
+            cells = (", ".join(each.members), mode.name, mode.status_word, *numbers)
+            grid.add_row(*map(escape, cells))
+    return grid
+
+
+def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
+    """Return new modes and a bounded number of the findings that close the gate."""
+    for member in report.members:
+        closing = [each for each in member.known if each.verdict in CLOSING]
+        if rerun := member.rerun:
+            yield from ((member.member, each) for each in rerun.new_modes)
+            whole = rerun.unpaired_because and rerun.verdict in CLOSING
+            closing += [each for each in rerun.findings if whole or each.verdict in CLOSING]
+        yield from ((member.member, each) for each in closing[:SHOWN])
+
+
+def _draw_findings(report: GateReport) -> Table:
+    """Episodes to look at, one a row."""
+    grid = start_grid("look at", "episode", "verdict", "replay", "page")
+    for member, found in _list_findings(report):
+        seen = (found.replay or found.problem, found.link)
+        cells = (member, found.what, found.verdict, *seen)
+        grid.add_row(*(escape(cell) for cell in cells))
+    return grid
+
+
+def draw_summaries(found: Sequence[GateSummary]) -> Table:
+    """Results of gates, one a row; times in UTC."""
+    grid = start_grid("id", "suite", "version", "baseline", "verdict", "counts", "created")
+    for each in found:
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in each.counts.items())
+        cells = (each.suite, each.version, each.baseline or UNKNOWN, each.verdict)
+        more = (counts or "none", format_utc(each.created_ms))
+        grid.add_row(str(each.id), *map(escape, (*cells, *more)))
+    return grid
+
+
+EXIT_CLOSED = 1
 RUN = "run"
 
 
@@ -136,6 +204,7 @@ class GateCommands(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front of a file."""
+        # The file of a suite may be called anything but the name of a command.
         if args and args[0] not in (*self.commands, *ctx.help_option_names):
             args = [RUN, *args]
         return super().parse_args(ctx, args)
@@ -204,21 +273,29 @@ def run_gate(
     it runs is decided as by `eigenfail run`.
     """
     suite = Suite.read(file)
-    version = _check_version(planner_version) or _find_own_version(suite, url)
-    run = name_run(suite.name, version)
-    against = _find_baseline_version(baseline)
+    version = _find_version(planner_version, suite, url)
+    # Empty is a variable of a pipeline that was never set: without this, the run would become a
+    # baseline, and the gate would be open.
+    if baseline is not None and not baseline.strip():
+        raise InvalidValue("baseline", "is empty.", "Specify a baseline, or omit --baseline.")
     asked = GateRun(
         suite=suite.name,
         version=version,
-        run=run,
-        baseline=against,
+        run=name_run(suite.name, version),
+        baseline=baseline or "",
         strict=strict,
         by=by,
         file=str(file),
     )
-    _check_folder(junit)
+    # Before anything is run: a gate may take hours.
+    if junit and not junit.parent.is_dir():
+        raise InvalidValue("junit", f"Folder {junit.parent} does not exist.", "Create it first.")
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
-        report = _run_and_write(Runner(client, place, this_command()), suite, asked)
+        try:
+            report = Runner(client, place, this_command()).run(suite, asked)
+        except KeyboardInterrupt:  # between campaigns; during one, `run_suite` pauses them
+            typer.echo(f"Interrupted. To continue, run: {this_command()}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
         _record_verdict(client, report)
     if junit:
         _write_junit(junit, to_junit(report))
@@ -226,20 +303,12 @@ def run_gate(
     _exit_by_verdict(report)
 
 
-def _run_and_write(runner: Runner, suite: Suite, asked: GateRun) -> GateReport:
-    """What the gate found; Ctrl-C between campaigns says how to go on, and exits with 130."""
-    try:
-        return runner.run(suite, asked)
-    except KeyboardInterrupt:
-        typer.echo(f"Interrupted. To continue, run: {this_command()}", err=True)
-        raise typer.Exit(INTERRUPTED) from None
-
-
 def _record_verdict(client: Client, report: GateReport) -> None:
     """Report the verdict to the service, for its pages, its event log and webhooks.
 
     The verdict of this command is the same where the service does not take it.
     """
+    # What says nothing of the planner must not stand among its verdicts.
     if report.in_trouble:
         return
     try:
@@ -255,6 +324,7 @@ def _exit_by_verdict(report: GateReport) -> None:
         ServiceError: only because episodes were lost or may hide a failure, which says nothing of
             the planner.
     """
+    # Exit code 3, not 1: a pipeline must not blame the planner for what could not be judged.
     if report.state == INCONCLUSIVE:
         raise ServiceError(
             describe_conclusion(report),
@@ -267,26 +337,19 @@ def _exit_by_verdict(report: GateReport) -> None:
             "Check the workers, then use a different --planner-version.",
         )
     if not report.open:
-        raise typer.Exit(CLOSED)
+        raise typer.Exit(EXIT_CLOSED)
 
 
 @app.command("list")
-def list_gates(
-    context: typer.Context,
-    url: Url = DEFAULT_URL,
-    limit: Limit = 50,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer()
+def list_gates(client: Client, limit: Limit = 50) -> CommandResult:
     """List the results of gates, newest first."""
-    with connect_to(context, url) as client:
-        first_rows(client.gates.list(), limit, draw_summaries).print(as_json)
+    return first_rows(client.gates.list(), limit, draw_summaries)
 
 
 @app.command("show")
-def show_gate(
-    context: typer.Context, gate: GateId, url: Url = DEFAULT_URL, as_json: AsJson = False
-) -> None:
+@prints_answer()
+def show_gate(client: Client, gate: GateId) -> CommandResult:
     """Show the result of a gate, as the gate printed it."""
-    with connect_to(context, url) as client:
-        found = client.gates.get(gate)
-    show(found, as_json, lambda: draw_report(found.report))
+    found = client.gates.get(gate)
+    return CommandResult(found, lambda: draw_report(found.report))

@@ -45,30 +45,14 @@ def _draw_keys(keys: Iterable[ApiKey]) -> Table:
     for key in keys:
         times = (key.created_ms, key.expires_ms, key.last_used_ms)
         dates = (UNKNOWN if each is None else format_utc(each) for each in times)
-        allowed = ", ".join(_format_quotas(key.quotas)) or UNKNOWN
-        grid.add_row(
-            str(key.id),
-            escape(key.name),
-            key.scope,
-            _describe_state(key, at_ms),
-            allowed,
-            *dates,
-        )
+        given = asdict(key.quotas).items()
+        quotas = ", ".join(f"{name} {most:,}" for name, most in given if most is not None)
+        state = "valid" if key.is_valid(at_ms) else "expired"
+        if key.revoked_ms is not None:
+            state = "revoked"
+        cells = (str(key.id), escape(key.name), key.scope, state, quotas or UNKNOWN)
+        grid.add_row(*cells, *dates)
     return grid
-
-
-def _describe_state(key: ApiKey, at_ms: int) -> str:
-    """Whether a key opens anything."""
-    if key.revoked_ms is not None:
-        return "revoked"
-    return "valid" if key.is_valid(at_ms) else "expired"
-
-
-def _format_quotas(given: Quotas) -> Iterator[str]:
-    """The quotas that a key has."""
-    for name, limit in asdict(given).items():
-        if limit is not None:
-            yield f"{name} {limit:,}"
 
 
 def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
@@ -87,6 +71,7 @@ def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
 
 LIFE = re.compile(r"(?P<count>[1-9]\d{0,5})(?P<unit>[mhd])")
 NO_LIMIT = "none"
+# As many digits always fit into the 64 bits of a number in a database.
 LONGEST_LIMIT = 18
 SECONDS = {"m": 60, "h": 3_600, "d": 86_400}
 
@@ -144,6 +129,7 @@ def create(
     max_episodes_per_day: MaxEpisodesPerDay = None,
 ) -> CommandResult:
     """Create a key and print it. It is shown only once."""
+    # Read before anything is sent: what was mistyped must not make a key without limits.
     life = None if expires is None else parse_duration(expires)
     given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
     made = keys.create(name, scope, life, given)
@@ -168,6 +154,7 @@ def limit(
     max_episodes_per_day: MaxEpisodesPerDay = None,
 ) -> CommandResult:
     """Change quotas of a key; other quotas and existing campaigns do not change."""
+    # A quota that is not named keeps its value, and the service sets all of them.
     before = keys.get(key).quotas
     wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
     found = keys.limit(key, wanted)
@@ -241,6 +228,7 @@ def _parse_limit(name: str, text: str) -> int | None:
     """
     if text == NO_LIMIT:
         return None
+    # int() takes digits of other scripts, underscores, and numbers of any length.
     if not (text.isascii() and text.isdecimal() and len(text) <= LONGEST_LIMIT):
         problem = f"'{text[:40]}' is not a valid limit."
         raise InvalidValue(name, problem, f"Give a number, or {NO_LIMIT}.")

@@ -74,7 +74,7 @@ class DeferredCommand(TyperCommand):
 
     def load(self) -> Any:
         """Return the command itself."""
-        from eigenfail.cli.value_names import name_values
+        from eigenfail.cli.options import name_values
 
         return name_values(typer.main.get_command(self._load_app()))
 
@@ -216,6 +216,7 @@ def exit_on_error(as_json: bool) -> Iterator[None]:
 def _exit(error: EigenfailError, as_json: bool) -> NoReturn:
     from eigenfail.values.access import redact
 
+    # Standard error may hold progress before: a program reads the last line, which is the problem.
     with suppress(OSError):  # the exit code reports it where nothing can be written
         typer.echo(redact(_encode(error) if as_json else f"eigenfail: {error}"), err=True)
     raise typer.Exit(error.exit_code) from error
@@ -232,6 +233,7 @@ def describe_wrong_usage(error: Any) -> InputError:
     usage = f"See: {error.ctx.command_path} --help" if error.ctx else ""
     message, hint = error.format_message(), ""
     faults: list[dict[str, Any]] = getattr(error.__cause__, "errors", list)()
+    # pydantic's own words are for programmers: "unable to parse string as an integer".
     if faults and faults[0]["type"] in FAULTS:
         return _describe_wrong_number(error.param, faults[0], usage)
     if options := getattr(error, "possibilities", None):
@@ -294,6 +296,7 @@ class Commands(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read what stands before the command."""
+        # Not yet parsed: an error in the command line itself must be JSON, too.
         ctx.meta[JSON] = JSON in args
         with exit_on_error(ctx.meta[JSON]):
             if args and args[0].partition("=")[0] in COMPLETION_OPTIONS:

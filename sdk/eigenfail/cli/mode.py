@@ -11,7 +11,7 @@ from rich.table import Table
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
-from eigenfail.client.triage import TriageFields
+from eigenfail.client.analyses import TriageFields
 from eigenfail.presentation.figures import format_local_time
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render, start_grid
@@ -94,6 +94,7 @@ def triage_mode(
     note: NewNote = None,
 ) -> CommandResult:
     """Show the triage of a failure mode; change its state, ticket or note if one is given."""
+    # An empty text clears a ticket or note; an option that is not given changes nothing.
     fields = TriageFields()
     if state is not None:
         fields["state"] = state

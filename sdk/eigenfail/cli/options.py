@@ -1,7 +1,13 @@
-"""Options and arguments that several commands share."""
+"""Options and arguments that several commands share, and the names of values in help.
 
+A whole number is N, another number NUMBER, and a text, file or folder has the name of what it is. A
+command names a value itself where only that command has it; all others are named here.
+"""
+
+from enum import EnumType
 from pathlib import Path
-from typing import Annotated
+from types import MappingProxyType
+from typing import Annotated, Any
 
 import typer
 
@@ -142,3 +148,59 @@ def parse_episode_id(text: str) -> tuple[int, int]:
     if not (slash and campaign.isdecimal() and index.isdecimal()):
         raise InvalidValue("episode", f"'{text}' is not of the form CAMPAIGN/INDEX, such as 3/17.")
     return int(campaign), int(index)
+
+
+_OPTIONS = MappingProxyType(
+    {
+        "--campaign": "CAMPAIGN",
+        "--channels": "CHANNELS",
+        "--connect": "ADDRESS",
+        "--data": "FOLDER",
+        "--database": "URL",
+        "--expires": "DURATION",
+        "--fields": "COLUMNS",
+        "--filter": "CONDITIONS",
+        "--functions": "MODULES",
+        "--hub-keys": "FOLDER",
+        "--keep-old": "DURATION",
+        "--method": "NAME",
+        "--name": "NAME",
+        "--pictures": "FOLDER",
+        "--planner": "NAME",
+        "--planner-version": "VERSION",
+        "--scenario": "NAME",
+        "--search": "TEXT",
+        "--sort": "COLUMN",
+        "--source": "SOURCE",
+        "--to": "REVISION",
+        "--url": "URL",
+    }
+)
+"""Names of texts, files and folders that are no FILE, by option."""
+
+_KINDS = MappingProxyType({int: "N", float: "NUMBER", Path: "FILE", str: "TEXT", bool: ""})
+"""Names by type; a switch has no value."""
+
+
+def name_values(command: Any) -> Any:
+    """Return a command whose options and arguments have names of their values, with those below."""
+    for parameter in command.params:
+        if getattr(parameter, "metavar", None) is None and hasattr(parameter, "type_descriptor"):
+            parameter.metavar = _name_value(parameter)
+    for each in getattr(command, "commands", {}).values():
+        name_values(each)
+    return command
+
+
+def _name_value(parameter: Any) -> str | None:
+    """Return the name of a parameter's value; None where its choices are listed in its place."""
+    kind = parameter.type_descriptor.annotation
+    # The choices say more than a name would.
+    if isinstance(kind, EnumType):
+        return None
+    if parameter.param_type_name == "argument":
+        name: str = parameter.name.upper()
+        return name
+    if kind in {int, float, bool}:
+        return _KINDS[kind]
+    return next((_OPTIONS[each] for each in parameter.opts if each in _OPTIONS), _KINDS.get(kind))

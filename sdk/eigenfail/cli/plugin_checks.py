@@ -2,11 +2,12 @@
 
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 from rich.markup import escape
@@ -21,21 +22,15 @@ from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 
 
-class PluginCheck(msgspec.Struct, frozen=True):
-    """One question to a plug-in; `run` raises if the answer is wrong.
-
-    Attributes:
-        promise: what holds if it passes.
-        vital: whether no other question makes sense if it fails.
-    """
+class PluginCheck(NamedTuple):
+    """One question to a plug-in; `ask` raises unless `promise` holds."""
 
     name: str
     promise: str
-    run: Callable[[], None]
-    vital: bool = False
+    ask: Callable[[], object]
 
 
-class Contract(msgspec.Struct, frozen=True):
+class Contract(NamedTuple):
     """The requirements for plug-ins of one kind.
 
     Attributes:
@@ -50,19 +45,17 @@ class Contract(msgspec.Struct, frozen=True):
     suite: tuple[Callable[[Any], None], ...]
     subject: Callable[[Any], Any]
 
-    def checks(self, plugin: Any) -> Iterator[PluginCheck]:
-        """Every question to one plug-in."""
+    def list_checks(self, plugin: Any) -> Iterator[PluginCheck]:
+        """Yield every question to one plug-in; without the first, no other makes sense."""
         about = f"Its `{self.settings}` is a msgspec.Struct whose fields have defaults."
-        yield PluginCheck(
-            f"has {self.settings}", about, partial(_require_defaults, self, plugin), vital=True
-        )
+        yield PluginCheck(f"has {self.settings}", about, partial(_require_defaults, self, plugin))
         for check in self.suite:
-            promise = (check.__doc__ or "").partition("\n")[0]
-            run = partial(self._ask, check, plugin)
-            yield PluginCheck(check.__name__.replace("_", " "), promise, run)
+            # The subject is made where the check runs: what its maker raises is a complaint, too.
+            def ask(check: Callable[[Any], None] = check) -> None:
+                check(self.subject(plugin))
 
-    def _ask(self, check: Callable[[Any], None], plugin: Any) -> None:
-        check(self.subject(plugin))
+            promise = (check.__doc__ or "").partition("\n")[0]
+            yield PluginCheck(check.__name__.replace("_", " "), promise, ask)
 
 
 def _require_defaults(contract: Contract, plugin: Any) -> None:
@@ -78,13 +71,8 @@ def _make_planner_factory(plugin: Any) -> Callable[[], Any]:
     return lambda: plugin(read_settings(plugin.Settings, {}, "planner_settings"))
 
 
-def _make_scenario(plugin: Any) -> Any:
-    """The scenario itself."""
-    return plugin()
-
-
 PLANNER = Contract(plugins.PLANNERS, "Settings", PLANNER_CHECKS, _make_planner_factory)
-SCENARIO = Contract(plugins.SCENARIOS, "Parameters", SCENARIO_CHECKS, _make_scenario)
+SCENARIO = Contract(plugins.SCENARIOS, "Parameters", SCENARIO_CHECKS, lambda plugin: plugin())
 
 
 PATIENCE_S = 60.0
@@ -146,61 +134,42 @@ def _load(group: str, place: str) -> Any:
 
 
 def run_checks(contract: Contract, place: str, plugin: Any) -> Iterator[CheckResult]:
-    """One check after the other; none after one that is vital, or that does not end."""
-    checks = contract.checks(plugin)
-    for check in checks:
+    """One check after the other; none after the first if it fails, or after one without an end."""
+    checks = contract.list_checks(plugin)
+    for number, check in enumerate(checks):
         broken = _find_complaint(check)
         verdict = CheckVerdict.BROKEN if broken else CheckVerdict.PASSED
         yield CheckResult(place, check.name, verdict, broken or check.promise)
-        if broken and (check.vital or broken == ENDLESS.format(PATIENCE_S)):
+        # What did not end is still running: it would disturb the checks behind it.
+        if broken and (not number or broken == ENDLESS.format(PATIENCE_S)):
             break
     for check in checks:
         yield CheckResult(place, check.name, CheckVerdict.SKIPPED, SKIPPED)
-    for sentence in _list_notes(contract, plugin):
-        yield CheckResult(place, "uses its recording", CheckVerdict.NOTED, sentence)
-
-
-def _list_notes(contract: Contract, plugin: Any) -> list[str]:
-    """What a scenario does not use of its recording, which breaks no contract."""
-    notes: list[str] = []
     if contract is SCENARIO:
-        # What breaks here has broken a check before.
-        with Complaint():
-            notes += map(str, getattr(contract.subject(plugin), "notes", ()))
-    return notes
+        # What a scenario does not use of its recording breaks no contract. What breaks here has
+        # broken a check before.
+        with suppress(Exception, SystemExit):
+            for sentence in getattr(contract.subject(plugin), "notes", ()):
+                yield CheckResult(place, "uses its recording", CheckVerdict.NOTED, str(sentence))
 
 
 def _find_complaint(check: PluginCheck) -> str:
     """What the check found, in words; nothing if the contract is kept."""
-    complaint = Complaint()
+    complaints: list[str] = []
+
+    def ask() -> None:
+        try:
+            check.ask()
+        except AssertionError as error:
+            complaints.append(read_text(error))
+        except BaseException as error:  # noqa: BLE001 - whatever a plug-in raises is a finding
+            complaints.append(f"It raised {describe_error(error)}.")
+
     # A plug-in may never return: its thread must not keep the command from ending.
-    thread = Thread(target=complaint.about, args=(check,), daemon=True)
+    thread = Thread(target=ask, daemon=True)
     thread.start()
     thread.join(PATIENCE_S)
-    return ENDLESS.format(PATIENCE_S) if thread.is_alive() else complaint.said
-
-
-class Complaint:
-    """A finding of a check; any exception of the plug-in becomes part of it."""
-
-    said = ""
-
-    def about(self, check: PluginCheck) -> None:
-        """Run the check."""
-        with self:
-            check.run()
-
-    def __enter__(self) -> None:
-        """Nothing found yet."""
-
-    def __exit__(
-        self, _kind: type[BaseException] | None, error: BaseException | None, trace: object
-    ) -> bool:
-        """Keep the error as a sentence."""
-        if error is not None:
-            raised = f"It raised {describe_error(error)}."
-            self.said = read_text(error) if isinstance(error, AssertionError) else raised
-        return True
+    return ENDLESS.format(PATIENCE_S) if thread.is_alive() else "".join(complaints)
 
 
 def tabulate_checks(checks: list[CheckResult]) -> Table:

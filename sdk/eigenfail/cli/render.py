@@ -1,8 +1,7 @@
 """What commands print: JSON for programs, tables for people; with `--watch`, again and again."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Generic, TypeVar
@@ -55,6 +54,7 @@ def to_json(value: Any, indent: int = 2) -> str:
     ).decode()
 
 
+# A pipe has no width. Programs read a row as a line, and all columns of it.
 def make_console() -> Console:
     """Return the console for tables; wide enough for one line a row if it is no terminal."""
     screen = Console(highlight=False)
@@ -171,6 +171,7 @@ class _JsonChanges(Generic[Snapshot]):
     def __call__(self, seen: Snapshot) -> None:
         """Print it, if it has changed."""
         now = to_json(self.to_data(seen), indent=0)
+        # Programs read a line for each change; the same line each second would be no news.
         if now != self.last:
             typer.echo(now)
         self.last = now
@@ -220,6 +221,7 @@ class _MissingWorkerNotice:
     def __call__(self, seen: Campaign) -> None:
         """Look, if nothing came for a while."""
         now_s, done = time.monotonic(), seen.counts.completed + seen.counts.errored
+        # Asked only if nothing comes: a campaign that gets on has its workers.
         if done == self._done and now_s < self._next_s:
             return
         if done == self._done:
@@ -258,6 +260,7 @@ def follow(client: Client, campaign: int, check: Callable[[], None] = skip_check
     return ended
 
 
+# Rounds that take longer go on pausing behind the command: Ctrl-C must not seem to hang.
 PAUSE_WITHIN_S = 15.0
 
 
@@ -278,35 +281,22 @@ def follow_or_pause(
     try:
         return follow(client, campaign, check)
     except KeyboardInterrupt:
-        seen = _pause(client, campaign)
-        typer.echo(_describe_pause(seen, again), err=True)
+        try:
+            client.campaigns.pause(campaign)
+            seen = client.campaigns.wait(campaign, timeout_s=PAUSE_WITHIN_S)
+        except (IllegalTransition, ServiceError):  # it ended first, or is still pausing
+            seen = client.campaigns.get(campaign)
+        counts = seen.counts
+        done = f"{counts.completed + counts.errored} of {counts.planned} episodes"
+        words = f"Campaign {campaign} is {seen.state} after {done}."
+        if seen.state not in FINAL_STATES:
+            first = f"start the service with '{again}', then " if again else ""
+            words += f" To continue: {first}eigenfail campaign resume {campaign}"
+        typer.echo(words, err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
-def _pause(client: Client, campaign: int) -> Campaign:
-    """The campaign, paused unless it ended first; it may still be pausing after a while."""
-    try:
-        client.campaigns.pause(campaign)
-        return client.campaigns.wait(campaign, timeout_s=PAUSE_WITHIN_S)
-    except (IllegalTransition, ServiceError):
-        return client.campaigns.get(campaign)
-
-
-def _describe_pause(campaign: Campaign, again: str) -> str:
-    """How far the campaign came, and how to go on."""
-    counts = campaign.counts
-    done = f"{counts.completed + counts.errored} of {counts.planned} episodes"
-    came = f"Campaign {campaign.id} is {campaign.state} after {done}."
-    if campaign.state in FINAL_STATES:
-        return came
-    first = f"start the service with '{again}', then " if again else ""
-    return f"{came} To continue: {first}eigenfail campaign resume {campaign.id}"
-
-
 Snapshots = Sequence[Campaign | None]
-
-
-Report = Callable[[Snapshots], None]
 
 
 def run_suite(
@@ -323,39 +313,23 @@ def run_suite(
         command: what goes on with it.
     """
     try:
-        return _follow_suite(client, suite, check)
+        # Progress goes to standard error, so that standard output holds results alone.
+        with display() as report:
+
+            def look(seen: Snapshots) -> None:
+                check()
+                report(_summarize_suite(suite.name, seen))
+
+            ended = client.suites.run(suite, look)
     except KeyboardInterrupt:
-        seen = _pause_suite(client, suite)
+        try:
+            client.suites.pause(suite)
+            seen = client.suites.wait(suite, timeout_s=PAUSE_WITHIN_S)
+        except ServiceError:  # some are still pausing
+            seen = client.suites.find(suite)
         typer.echo(f"{describe_suite(suite.name, seen)}. To continue: {command}", err=True)
         raise typer.Exit(INTERRUPTED) from None
-
-
-def _follow_suite(client: Client, suite: Suite, check: Callable[[], None]) -> tuple[Campaign, ...]:
-    """Start them, and show their progress until all have ended or are paused."""
-    with _suite_reporter(suite.name) as report:
-
-        def look(seen: Snapshots) -> None:
-            check()
-            report(seen)
-
-        ended = client.suites.run(suite, look)
     return tuple(campaign for campaign in ended if campaign is not None)
-
-
-def _pause_suite(client: Client, suite: Suite) -> Snapshots:
-    """The campaigns, paused unless they ended first; some may still be pausing after a while."""
-    try:
-        client.suites.pause(suite)
-        return client.suites.wait(suite, timeout_s=PAUSE_WITHIN_S)
-    except ServiceError:
-        return client.suites.find(suite)
-
-
-@contextmanager
-def _suite_reporter(name: str) -> Iterator[Report]:
-    """Where progress goes: standard error, so that standard output holds results alone."""
-    with display() as show:
-        yield lambda seen: show(_summarize_suite(name, seen))
 
 
 def _summarize_suite(name: str, seen: Snapshots) -> Standing:
@@ -369,8 +343,8 @@ def describe_suite(name: str, seen: Snapshots) -> str:
     """How far they came."""
     counts = _sum_counts(seen)
     done = counts.completed + counts.errored
-    episodes = format_count_of(counts.planned - counts.cancelled, "episode")
-    failures = format_count_of(counts.failures, "failure")
+    episodes = count_noun(counts.planned - counts.cancelled, "episode")
+    failures = count_noun(counts.failures, "failure")
     errored = f", {counts.errored} errored" if counts.errored else ""
     return f"{_describe_suite_state(name, seen)}: {done}/{episodes}, {failures}{errored}"
 
@@ -380,14 +354,7 @@ def _describe_suite_state(name: str, seen: Snapshots) -> str:
     resting = [campaign for campaign in seen if campaign and campaign.state in AT_REST]
     paused = sum(campaign.state == "paused" for campaign in resting)
     rests = f", {paused} paused" if paused else ""
-    return (
-        f"{name}: {len(resting) - paused} of {format_count_of(len(seen), 'campaign')} over{rests}"
-    )
-
-
-def format_count_of(count: int, noun: str) -> str:
-    """1 failure, 2 failures."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    return f"{name}: {len(resting) - paused} of {count_noun(len(seen), 'campaign')} over{rests}"
 
 
 def _sum_counts(seen: Snapshots) -> Counts:
@@ -413,12 +380,14 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
             service paused it with a reason; or a gate was requested and is inconclusive.
     """
     counts = campaign.counts
+    # Nothing was found out, whatever the gate: a pipeline must not take it for a pass.
     if campaign.is_errored:
         raise make_errored_error(campaign, summary)
     if campaign.state is CampaignState.DEAD:
         raise ServiceError(f"Campaign {campaign.id} is dead: {campaign.stopped_because}")
     if campaign.state is CampaignState.PAUSED and campaign.stopped_because:
         raise ServiceError(f"Campaign {campaign.id} is paused. {campaign.stopped_because}")
+    # Before the state and doubts below: a failure that was found closes the gate in any case.
     if gate and counts.failures:
         raise typer.Exit(FAILURES_FOUND)
     if gate and campaign.state is not CampaignState.DONE:
@@ -428,6 +397,7 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
             if campaign.state in FINAL_STATES
             else f"Resume it: eigenfail campaign resume {campaign.id}",
         )
+    # After failures: an errored episode may hide one, but one is enough.
     _refuse_doubt(campaign, gate, summary)
     if gate and not counts.completed:
         raise ServiceError(

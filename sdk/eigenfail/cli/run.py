@@ -54,6 +54,7 @@ def run(
     }
     spec = read_spec(file, stop, values, episodes=episodes, seed=seed, priority=priority)
     plan = Plan(data, 0, workers)
+    # Several seeds are a suite, which the same command resumes after Ctrl-C.
     if seeds is not None:
         suite = Suite.repeat(spec, seeds)
         ended, result, place = run_and_show(context, suite, url, plan, this_command(), as_json)
@@ -66,6 +67,7 @@ def run(
         summary = client.campaigns.summary(campaign.id)
         words = describe_method_result(client, campaign)
     show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
+    # Printed before it is judged: a gate that fails ends the command.
     _tell_end(place)
     judge(campaign, gate, summary)
 

@@ -76,11 +76,16 @@ def read_spec(
     if describes_suite(table):
         remedy = f"Run it with `eigenfail suite run {file}`."
         raise InvalidValue(file.name, "this is a suite, not a campaign.", remedy)
+    # Files that a campaign file names lie beside it, wherever the command is called.
     written = include_samples(include_disturbance(table, file), file)
     changed = parse_changes(changes or (), {"name": file.stem, **written})
     fields = {**changed, **_drop_missing(instead)}
     if _drop_missing(stop):
-        fields["stop"] = {**_read_stop_rules(fields.get("stop", {}), file), **_drop_missing(stop)}
+        rules = fields.get("stop", {})
+        if not isinstance(rules, dict):
+            raise InvalidValue(f"{file.name}: stop", "is not a table.", "Write it as [stop].")
+        fields["stop"] = {**rules, **_drop_missing(stop)}
+    # The message names the table of the file; that of the whole specification would not.
     for name, kind in TABLES.items():
         if isinstance(fields.get(name), dict):
             refuse_unknown_fields(fields[name], kind, f"{file.name}: {name}")
@@ -91,17 +96,6 @@ def read_spec(
 def _drop_missing(values: Mapping[str, Value | None]) -> dict[str, Value]:
     """Those of the values that there are."""
     return {name: value for name, value in values.items() if value is not None}
-
-
-def _read_stop_rules(stop: Any, file: Path) -> dict[str, Any]:
-    """The file's stop rules.
-
-    Raises:
-        InvalidValue: they are not a table.
-    """
-    if not isinstance(stop, dict):
-        raise InvalidValue(f"{file.name}: stop", "is not a table.", "Write it as [stop].")
-    return stop
 
 
 def check_plugins(spec: CampaignSpec) -> None:
@@ -141,6 +135,7 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
     with suppress(ServiceError):
         answer = ask_about_bridges(question, OFFER_TIMEOUT_S)
         offer = msgspec.json.decode(answer, type=BridgeOffer | None)
+    # Its workers ask it when a campaign starts, and check the campaign then.
     if offer is None:
         return
     for spec in on_bridge:
@@ -172,20 +167,15 @@ def parse_changes(
     """
     fields = dict(before)
     for each in given:
-        path, equals, value = each.partition("=")
+        path, equals, text = each.partition("=")
         if not (equals and all(path.split("."))):
             problem = f"'{each}' is not of the form FIELD=VALUE."
             raise InvalidValue("--set", problem, "Write it as settings.alpha=100.")
-        fields = set_path(fields, tuple(path.split(".")), _parse_value(value))
+        value: Any = text
+        with suppress(msgspec.DecodeError):  # text, unless it is a number, list or table
+            value = msgspec.json.decode(text)
+        fields = set_path(fields, tuple(path.split(".")), value)
     return fields
-
-
-def _parse_value(value: str) -> Any:
-    """A number, list or table, or the text itself."""
-    try:
-        return msgspec.json.decode(value)
-    except msgspec.DecodeError:
-        return value
 
 
 def describe_check(found: CampaignCheck) -> Text:

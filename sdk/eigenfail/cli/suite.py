@@ -66,6 +66,7 @@ def run(
     if dry_run:
         plan = suites.SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
         show(plan, as_json, lambda: render(suites.tabulate_plan(plan)))
+        # Nothing was asked of a service, so that nothing can be judged.
         raise typer.Exit
     command, place = f"eigenfail suite run {file}", Plan(data, 0, workers)
     ended, result, _ = run_and_show(context, suite, url, place, command, as_json)
@@ -138,7 +139,13 @@ def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteR
     """
     members = (member.summary for member in result.members if member.summary)
     summaries = {summary.campaign: summary for summary in members}
-    for campaign in sorted(campaigns, key=_rank_badness):
+
+    def rank_badness(campaign: Campaign) -> tuple[bool, ...]:
+        # A dead campaign first: its failures are no reason why the suite came to nothing.
+        is_dead = campaign.state is CampaignState.DEAD
+        return not is_dead, not campaign.is_errored, not campaign.counts.failures
+
+    for campaign in sorted(campaigns, key=rank_badness):
         summary = summaries.get(campaign.id)
         if campaign.is_errored:
             # A suite that is run again takes up its campaigns where they stopped, also this one.
@@ -146,9 +153,3 @@ def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteR
             again = "After fixing the cause, run the suite under a different name."
             raise ServiceError(error.problem, f"{error.remedy}. {again}")
         judge(campaign, gate, summary)
-
-
-def _rank_badness(campaign: Campaign) -> tuple[bool, bool, bool]:
-    """The dead before all others, then the errored ones, then those that found failures."""
-    is_dead = campaign.state is CampaignState.DEAD
-    return not is_dead, not campaign.is_errored, not campaign.counts.failures

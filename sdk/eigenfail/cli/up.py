@@ -2,8 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -75,6 +74,7 @@ def up(
     """
     if bridge:
         os.environ[ADDRESS_VARIABLE] = check_address(bridge)
+    # Before the services start, which inherit it: an operator names modules, never a request.
     if functions:
         allow(functions)
     if launcher is Launcher.NONE:
@@ -85,8 +85,11 @@ def up(
         typer.echo(
             to_json(service.address, indent=0) if as_json else _describe_service(service, plan)
         )
-        with _announce_stop():
+        try:
             _watch(service, verbose)
+        except KeyboardInterrupt:  # ending all processes takes a moment
+            typer.echo("Stopping. Running campaigns continue at the next start.", err=True)
+            raise
 
 
 def _describe_service(service: LocalService, plan: Plan) -> str:
@@ -96,16 +99,6 @@ def _describe_service(service: LocalService, plan: Plan) -> str:
         f"eigenfail is up at {service.address.url} (data in {plan.data}; Ctrl-C stops it).\n"
         f"More workers: eigenfail worker --connect {service.address.hub}{key}"
     )
-
-
-@contextmanager
-def _announce_stop() -> Iterator[None]:
-    """Print what happens to running campaigns at a stop, which takes a moment."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        typer.echo("Stopping. Running campaigns continue at the next start.", err=True)
-        raise
 
 
 def _watch(service: LocalService, verbose: bool) -> None:

@@ -187,6 +187,7 @@ def _run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> N
     if not ADDRESS.fullmatch(connect):
         problem = f"'{connect}' is not of the form tcp://host:port." if connect else "is not given."
         raise InvalidValue("--connect", problem, "`eigenfail up` prints the hub's address.")
+    # Said here, since the import below would fail with the name of a module.
     if find_spec("zmq") is None:
         raise ServiceError(
             "The worker is not installed here.",
@@ -196,6 +197,7 @@ def _run_worker(connect: str, options: Mapping[str, object], as_json: bool) -> N
     started = {"hub": connect, "name": options["--name"]}
     typer.echo(to_json(started, indent=0) if as_json else words)
     given = {"--connect": connect, **options}
+    # The worker reads the command line itself: `python -m eigenfail_workers` is the same program.
     sys.argv[1:] = [f"{option}={value}" for option, value in given.items() if value is not None]
     runpy.run_module(PROGRAM, run_name="__main__")
 

@@ -1,8 +1,8 @@
-"""Analyses, as a client sees them."""
+"""Analyses, as a client sees them, and the triage of their failure modes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Unpack, overload
+from typing import Any, TypedDict, Unpack
 
 from eigenfail.client.fields import AnalysisFields, refuse_fields_beside
 from eigenfail.client.link import Link, wait_until
@@ -21,9 +21,10 @@ from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState,
 from eigenfail.values.proof import Proof
 from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
-from eigenfail.values.triage import TriageState
+from eigenfail.values.triage import Triage, TriageChange, TriageState
 from eigenfail.wire.http import ModeName, ProofRequest, read_fields
 
+# A failed analysis is over: no wait may last until somebody makes another.
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 
 
@@ -119,17 +120,6 @@ class Analyses:
         path = f"{locate_analysis(analysis)}/modes"
         return self._link.get(path, Page[Mode], {"state": state}).items
 
-    @overload
-    def rename_mode(self, analysis: Mode, mode: str, name: None = None) -> Mode: ...
-
-    @overload
-    def rename_mode(
-        self, analysis: AnalysisLike, mode: ModeLike | None = None, *, name: str
-    ) -> Mode: ...
-
-    @overload
-    def rename_mode(self, analysis: AnalysisLike, mode: ModeLike, name: str) -> Mode: ...
-
     def rename_mode(
         self, analysis: AnalysisLike, mode: ModeLike | str | None = None, name: str | None = None
     ) -> Mode:
@@ -148,26 +138,6 @@ class Analyses:
         number, given = split_text("name", mode, name)
         place = f"{locate_mode(analysis, number)}/name"
         return self._link.put(place, Mode, read_fields({"name": given}, ModeName))
-
-    @overload
-    def animate(
-        self, analysis: Mode, mode: Path | str, path: None = None, format: str = ANIMATION
-    ) -> Path: ...
-
-    @overload
-    def animate(
-        self,
-        analysis: AnalysisLike,
-        mode: ModeLike | None = None,
-        *,
-        path: Path | str,
-        format: str = ANIMATION,
-    ) -> Path: ...
-
-    @overload
-    def animate(
-        self, analysis: AnalysisLike, mode: ModeLike, path: Path | str, format: str = ANIMATION
-    ) -> Path: ...
 
     def animate(
         self,
@@ -221,6 +191,7 @@ class Analyses:
             InvalidValue: a parameter outside its bounds, a distribution, or no variation.
         """
         asked = read_fields({"variations": variations}, ProofRequest)
+        # The service finds replays that it has, so that a repeated request starts none twice.
         return self._link.post_once_only(f"{locate_analysis(analysis)}/proof", Proof, asked)
 
     def proof(self, analysis: AnalysisLike) -> Proof:
@@ -250,3 +221,52 @@ class Analyses:
             timeout_s,
             lambda _seen: f"The proof of analysis {place}",
         )
+
+
+class TriageFields(TypedDict, total=False):
+    """Fields of a change of triage; those that are left out do not change.
+
+    Attributes:
+        state: new, confirmed, known, fixed or not_a_bug.
+        ticket: address of its ticket, beginning with https:// or http://; empty for none.
+        note: the new note, in place of the one before; empty for none.
+    """
+
+    state: TriageState | str
+    ticket: str
+    note: str
+
+
+class TriageRecords:
+    """Read and change the triage of failure modes.
+
+    Changes need a key of the scope runner where keys are required. Every method raises
+    InvalidValue for a value that names no such thing, and ServiceUnreachable if no service answers.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def get_mode(self, analysis: AnalysisLike, mode: ModeLike | None = None) -> Triage:
+        """Return the triage of a failure mode.
+
+        Args:
+            analysis: the analysis, or its id; or the mode, as lists have it.
+            mode: the mode, or its number, from 1; left out where `analysis` is the mode.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        return self._link.get(f"{locate_mode(analysis, mode)}/triage", Triage)
+
+    def change_mode(
+        self, analysis: AnalysisLike, mode: ModeLike | None = None, **fields: Unpack[TriageFields]
+    ) -> Triage:
+        """Change the triage of a failure mode, and return it.
+
+        Raises:
+            NotFound: no such analysis or mode.
+            InvalidValue: a value is outside its bounds, or the ticket is no address.
+        """
+        change = read_fields(fields, TriageChange)
+        return self._link.post(f"{locate_mode(analysis, mode)}/triage", Triage, change)

@@ -29,6 +29,7 @@ from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.summary import CampaignCost, Course, Summary
 from eigenfail.wire import http
 
+# A paused campaign goes on only if somebody says so: a wait for its end would be without end.
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
 
@@ -76,6 +77,7 @@ class Campaigns:
             InvalidValue: one has a value that cannot be; or there are none, or too many.
         """
         wanted = [
+            # Plain data is sent as it is: the service alone knows the defaults of its plug-ins.
             http.make_plain(spec, f"[{place}].") if isinstance(spec, Mapping) else spec
             for place, spec in enumerate(specs)
         ]
@@ -188,6 +190,7 @@ class Campaigns:
             "archived": _ask_archived(archived),
         }
         reverse = reverse_order(asked, parse_campaign_sort(sort), "id")
+        # `len()` and the last rows of a list need no page of it in between.
         extent = Extent(partial(self._link.count, "/campaigns", asked), reverse)
         return self._link.pages("/campaigns", Page[Campaign], "before", asked, extent)
 

@@ -7,11 +7,10 @@ from typing import Self
 
 import httpx2
 
-from eigenfail.client.analyses import Analyses
+from eigenfail.client.analyses import Analyses, TriageRecords
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
-from eigenfail.client.gates import Gates
-from eigenfail.client.link import Link, waiter
+from eigenfail.client.link import Link, rest
 from eigenfail.client.references import (
     CampaignLike,
     EventLike,
@@ -20,9 +19,8 @@ from eigenfail.client.references import (
     find_event_id,
     locate_key,
 )
-from eigenfail.client.releases import Releases
 from eigenfail.client.suites import Suites
-from eigenfail.client.triage import TriageRecords
+from eigenfail.client.versions import Gates, Releases
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.values import access
@@ -60,6 +58,7 @@ class Client:
         transport: httpx2.BaseTransport | None = None,
         key: str | None = None,
     ) -> None:
+        # A transport is a service in this process, which the environment knows nothing of.
         by_default = DEFAULT_URL if transport else os.environ.get(URL_VARIABLE) or DEFAULT_URL
         self._link = Link(base_url or by_default, transport, find_token(key))
         self.campaigns = Campaigns(self._link)
@@ -114,7 +113,7 @@ class Client:
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""
-        return self._link.answers("/readyz")
+        return self.trouble() is None
 
     def trouble(self) -> EigenfailError | None:
         """Why it is not healthy: nothing answers, or its database cannot be read or written."""
@@ -238,14 +237,16 @@ class Events:
         number = None if campaign is None else find_campaign_id(campaign)
         while True:
             try:
+                # Each connection begins behind the last event that was yielded: none is missed.
                 for event in self._connected(last, number):
                     last, failures = event.id, 0
                     yield event
             except httpx2.TransportError as error:
+                # Failures in a row: an event in between proves that the service is there.
                 failures += 1
                 if failures == MAX_FAILURES:
                     raise self._link.unreachable(error) from error
-            waiter.get().rest(RECONNECT_S)
+            rest.get()(RECONNECT_S)
 
     def _connected(self, after: int, campaign: int | None) -> Iterator[Event]:
         """The events of one connection; those without data only mark a place."""
@@ -263,6 +264,7 @@ def find_token(given: str | None) -> str | None:
         InvalidValue: it does not look like one; what was given is not repeated.
     """
     token = (os.environ.get(KEY_VARIABLE, "") if given is None else given).strip()
+    # Found here, since a service would count it as a failed login; white space comes from `$(cat)`.
     if token and access.TOKEN.fullmatch(token) is None:
         raise InvalidValue(
             "key",

@@ -153,6 +153,7 @@ class Episodes:
             InvalidValue: a filter that cannot be read, the error says where; or fields that are
                 one text.
         """
+        # A text is a sequence of letters, each of which would be an unknown column.
         if isinstance(fields, str):
             problem = f"'{fields}' is one text."
             named = [name.strip() for name in fields.split(",")]
@@ -162,6 +163,7 @@ class Episodes:
         picked = {**asked, "fields": ",".join(fields)} if fields else asked
         kind: type[Page[Any]] = Page[Picked] if fields else Page[EpisodeRow]
         reverse = reverse_order(picked, parse_sort(sort), "index")
+        # A list without a row still has its columns, as a table.
         columns = list_named_columns(fields) if fields else None
         extent = Extent(partial(self._link.count, path, asked), reverse, columns)
         return self._link.pages(path, kind, "after", picked, extent)
@@ -217,36 +219,6 @@ class Episodes:
         address = f"/campaigns/{find_campaign_id(campaign)}/episodes.{form}"
         write_whole(place, self._link.chunks(address, asked))
         return place
-
-    @overload
-    def export_recording(
-        self,
-        campaign: EpisodeRow | EpisodeDetail,
-        index: Path | str,
-        *,
-        format: str | None = None,
-        ego: EgoControl | str = EgoControl.RECORDED,
-    ) -> Path: ...
-
-    @overload
-    def export_recording(
-        self,
-        campaign: EpisodeRow | EpisodeDetail,
-        *,
-        path: Path | str,
-        format: str | None = None,
-        ego: EgoControl | str = EgoControl.RECORDED,
-    ) -> Path: ...
-
-    @overload
-    def export_recording(
-        self,
-        campaign: CampaignLike,
-        index: EpisodeLike,
-        path: Path | str,
-        format: str | None = None,
-        ego: EgoControl | str = EgoControl.RECORDED,
-    ) -> Path: ...
 
     def export_recording(
         self,

@@ -15,6 +15,8 @@ Plain = Mapping[str, Any]
 """A value as plain data: its fields by their names."""
 
 
+# Written out, and not made from CampaignSpec, since type checkers read no code that runs. A test
+# compares both.
 class _DefaultedFields(TypedDict, total=False):
     seed: int
     settings: Plain

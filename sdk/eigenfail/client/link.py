@@ -38,38 +38,19 @@ Kind = TypeVar("Kind")
 AWAY_S = 60.0
 
 
+# Errors of a service that is started anew, or whose database is. Any other error is an answer.
 AWAY = (ServiceUnreachable, StoreUnavailable, ServiceBusy)
 
 
 Tell = Callable[[Campaign], None]
 
 
-class Waiter:
-    """How long blocking calls wait: as long as it takes."""
-
-    def rest(self, seconds: float) -> None:
-        """Let time pass between two looks."""
-        sleep(seconds)
+def _let_time_pass(seconds: float) -> None:
+    sleep(seconds)  # looked up at each call, so that tests can play time
 
 
-class CheckingWaiter(Waiter):
-    """Looks after something while it waits.
-
-    Args:
-        check: raises if it is in trouble.
-    """
-
-    def __init__(self, check: Callable[[], None]) -> None:
-        self._check = check
-
-    def rest(self, seconds: float) -> None:
-        """Let time pass, unless there is trouble."""
-        self._check()
-        super().rest(seconds)
-
-
-waiter: ContextVar[Waiter] = ContextVar("patience", default=Waiter())  # noqa: B039 - no state
-"""Of the calls in this context."""
+rest: ContextVar[Callable[[float], None]] = ContextVar("rest", default=_let_time_pass)
+"""What lets time pass between two looks of the blocking calls in this context. [s]"""
 
 
 def wait_until(
@@ -94,6 +75,7 @@ def wait_until(
         WaitTimeout: it is not over in time; it goes on all the same.
     """
     latest_s = inf if timeout_s is None else monotonic() + timeout_s
+    # The first look fails at once: a service that is not there, or a wrong address, is no restart.
     seen = look()
     while not is_over(seen):
         if monotonic() >= latest_s:
@@ -101,7 +83,7 @@ def wait_until(
                 f"{describe(seen)} is still running after {timeout_s:g} s.",
                 "Increase the timeout, or check the service's log if there is no progress.",
             )
-        waiter.get().rest(poll_s)
+        rest.get()(poll_s)
         seen = _look_until_back(look, poll_s, min(latest_s, monotonic() + AWAY_S))
     return seen
 
@@ -116,18 +98,23 @@ def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) ->
                 raise
             if not tries:
                 log.warning("%s The connection was lost; waiting for the service.", error.problem)
-        waiter.get().rest(poll_s)
+        rest.get()(poll_s)
     raise AssertionError("counting has no end")
 
 
 @contextmanager
 def check_during_waits(check: Callable[[], None]) -> Iterator[None]:
     """Call a check during all waits within the block."""
-    token = waiter.set(CheckingWaiter(check))
+
+    def check_and_rest(seconds: float) -> None:
+        check()
+        sleep(seconds)
+
+    token = rest.set(check_and_rest)
     try:
         yield
     finally:
-        waiter.reset(token)
+        rest.reset(token)
 
 
 @contextmanager
@@ -148,6 +135,8 @@ def report_progress(on_progress: Tell | None, progress: bool) -> Iterator[Tell]:
         yield both
 
 
+# With the pauses below, four tries take about a second: the restart of a proxy, not of a service.
+# Waits for campaigns last longer, in `wait_until`.
 ATTEMPTS = 4
 
 
@@ -158,6 +147,7 @@ LONGEST_PAUSE_S = 30.0
 """How long a service may ask us to wait, and after how long nothing is asked again."""
 
 
+# 429 and 503 are the service itself; 502 and 504 are a proxy before it that found nobody.
 BUSY = frozenset({429, 502, 503, 504})
 
 
@@ -176,9 +166,10 @@ def ask_again(ask: Callable[[], Answer]) -> Answer:
         except httpx2.HTTPError as error:
             if not is_worth_retrying(error) or monotonic() - begun_s > LONGEST_PAUSE_S:
                 raise
+            # `Retry-After` of the service wins: it knows when the next token of a key is there.
             pause_s = find_pause(error, tried)
             log.debug("try %d of %d failed, next in %.1f s: %s", tried, ATTEMPTS, pause_s, error)
-        waiter.get().rest(pause_s)
+        rest.get()(pause_s)
     return ask()
 
 
@@ -198,11 +189,13 @@ def find_pause(error: httpx2.HTTPError, tried: int) -> float:
     return FIRST_PAUSE_S * 2.0 ** (tried - 1) + uniform(0.0, JITTER_S)  # noqa: S311 - no secret
 
 
+# A service that computes a comparison may take long; one that is not there refuses at once.
 TIMEOUT = httpx2.Timeout(60.0, connect=3.0)
 
 
 STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
-"""The service breaks the silence of a stream every 15 s."""
+"""The service breaks the silence of a stream every 15 s. Three silences are no late heartbeat but a
+connection that is dead without a word, as behind a proxy that was cut off."""
 
 
 SCHEMES = ("http://", "https://")
@@ -257,6 +250,7 @@ class Link:
             base_url=base_url,
             transport=transport,
             timeout=TIMEOUT,
+            # A proxy of the environment would look for the service on its own machine.
             trust_env=not is_loopback(httpx2.URL(base_url).host),
             headers={"User-Agent": f"eigenfail/{__version__}", **_make_headers(key)},
         )
@@ -274,6 +268,7 @@ class Link:
         """The bytes of a file of any size, as they come; asked for once."""
         asked = _drop_missing(params)
         with self._understood(), self._http.stream("GET", http.PREFIX + path, params=asked) as file:
+            # The body of a stream is not read by itself, and a refusal says in it what is wrong.
             if file.is_error:
                 file.read()
             file.raise_for_status()
@@ -281,6 +276,7 @@ class Link:
 
     def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
         """Have something done: asked once."""
+        # An answer that was lost does not say whether it was done: a second key would be made.
         with self._understood():
             return http.decode(self._once("POST", path, content=_encode_body(body)), kind)
 
@@ -295,6 +291,7 @@ class Link:
             body: the content of the request.
             key: idempotency key of this request, for ever; None makes one for this call.
         """
+        # The same key at each try: an answer that was lost must not make a second campaign.
         headers = {http.IDEMPOTENCY_KEY: key or str(uuid4())}
         answer = self._repeatedly("POST", path, content=_encode_body(body), headers=headers)
         return http.decode(answer, kind)
@@ -335,6 +332,7 @@ class Link:
                 yield from page.items
                 if page.next is None:
                     return
+                # A cursor and no offset: rows that arrive meanwhile shift no page.
                 query[cursor] = page.next
                 most -= len(page.items)
 
@@ -371,10 +369,6 @@ class Link:
                 raise read_refusal(source.response)
             yield iter(source)
 
-    def answers(self, path: str) -> bool:
-        """Whether a path outside the API is healthy, as far as one request can show."""
-        return self.trouble(path) is None
-
     def trouble(self, path: str) -> EigenfailError | None:
         """What a path outside the API complains of; ServiceUnreachable if nothing answers."""
         try:
@@ -405,6 +399,7 @@ class Link:
     @contextmanager
     def _understood(self) -> Iterator[None]:
         """Turn what the transport raises into what users are promised."""
+        # Without this, httpx2 raises a RuntimeError, which no caller catches.
         if self._http.is_closed:
             problem = f"This client of {self.base_url} is closed, maybe with its service."
             raise ServiceUnreachable(problem, "Create a new client.")

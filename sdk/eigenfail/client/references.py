@@ -73,6 +73,7 @@ def find_campaign_ids(campaigns: CampaignsLike) -> tuple[int, ...]:
     Raises:
         InvalidValue: no campaign is named, or one is neither an id nor an object of a campaign.
     """
+    # Lists of a client are iterable, too: `region(client.campaigns.list())` needs no ids.
     named = campaigns if isinstance(campaigns, Iterable) else (campaigns,)
     if not (ids := tuple(map(find_campaign_id, named))):
         raise InvalidValue("campaigns", "none is named.", "Name at least one.")
@@ -206,6 +207,7 @@ def _find_id(parameter: str, given: object, fields: Mapping[type, str]) -> int:
         if isinstance(given, kind):
             found: int = getattr(given, field)
             return found
+    # numpy's integers are indices, too. True would be campaign 1.
     if isinstance(given, SupportsIndex) and not isinstance(given, bool):
         return convert_index(given)
     known = ", ".join(kind.__name__ for kind in fields)

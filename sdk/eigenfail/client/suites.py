@@ -11,7 +11,6 @@ from eigenfail.client.references import SuiteLike, find_suite_name
 from eigenfail.errors import IllegalTransition
 from eigenfail.suites import Suite, list_ready_members, make_member_key, match_campaigns
 from eigenfail.values.campaign import Campaign, CampaignState
-from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Page
 from eigenfail.values.rows import Rows
 from eigenfail.values.seeds import SeedSpread
@@ -49,7 +48,11 @@ class Suites:
             InvalidValue: a value outside its bounds.
         """
         found = self._found(suite)
-        made = {name: self._created(spec) for name, spec in list_ready_members(suite, found)}
+        made = {
+            # The key follows from the spec: two commands that start a suite make each member once.
+            name: self._link.post_once_only("/campaigns", Campaign, spec, make_member_key(spec))
+            for name, spec in list_ready_members(suite, found)
+        }
         return tuple((found | made).get(member.name) for member in suite.members)
 
     def start(self, suite: Suite) -> Seen:
@@ -154,16 +157,14 @@ class Suites:
         for campaign in chain.from_iterable(listed):
             if campaign.spec.name in alike:
                 alike[campaign.spec.name].append(campaign)
-                if all(alike.values()) and len(found := match_campaigns(suite, alike)) == len(
-                    alike
-                ):
+                # Lists begin with the newest: older campaigns need not be read once all are found.
+                found = match_campaigns(suite, alike) if all(alike.values()) else {}
+                if len(found) == len(alike):
                     return found
         return match_campaigns(suite, alike)
 
-    def _created(self, spec: CampaignSpec) -> Campaign:
-        return self._link.post_once_only("/campaigns", Campaign, spec, make_member_key(spec))
-
     def _awake(self, campaign: Campaign) -> Campaign:
+        # A campaign that is pausing cannot be resumed: its rounds at work come in first.
         if campaign.state is CampaignState.PAUSING:
             campaign = self._campaigns.wait(campaign.id, timeout_s=PAUSE_WITHIN_S)
         is_paused = campaign.state is CampaignState.PAUSED

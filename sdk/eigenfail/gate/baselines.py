@@ -19,21 +19,12 @@ MAY_DIFFER = frozenset(
 """Fields in which a baseline may differ: the planner itself, and what changes no episode."""
 
 
-UNKNOWN_CAMPAIGN = 0
-"""No campaign has this number."""
-
-
 HOLD_DEFAULTS = frozenset({"settings", "scenario_parameters"})
 """Fields that plug-ins complete, apart from those that may differ anyway."""
 
 
 Resolve = Callable[[CampaignSpec], CampaignSpec]
 """Returns a spec with the defaults of its plug-ins written out; only a service knows them."""
-
-
-def _keep_spec(spec: CampaignSpec) -> CampaignSpec:
-    """Return the spec unchanged."""
-    return spec
 
 
 def name_run(suite: str, version: str) -> str:
@@ -43,21 +34,12 @@ def name_run(suite: str, version: str) -> str:
 
 def select_version(suite: Suite, version: str) -> Suite:
     """The same campaigns of the version, under its name, so that no other version's are found."""
-    renamed = rename_suite(suite, name_run(suite.name, version))
-    members = (
-        SuiteMember(each.name, replace(each.spec, planner_version=version))
-        for each in renamed.members
-    )
-    return Suite(renamed.name, tuple(members))
-
-
-def rename_suite(suite: Suite, name: str) -> Suite:
-    """The suite under another name."""
-    members = (
-        SuiteMember(each.name, replace(each.spec, name=f"{name}: {each.name}"))
-        for each in suite.members
-    )
-    return Suite(name, tuple(members))
+    run = name_run(suite.name, version)
+    members = []
+    for each in suite.members:
+        spec = replace(each.spec, name=f"{run}: {each.name}", planner_version=version)
+        members.append(SuiteMember(each.name, spec))
+    return Suite(run, tuple(members))
 
 
 def find_run(campaign: Campaign, member: SuiteMember) -> str:
@@ -66,7 +48,7 @@ def find_run(campaign: Campaign, member: SuiteMember) -> str:
 
 
 def list_differences(
-    a: CampaignSpec, b: CampaignSpec, resolve: Resolve = _keep_spec
+    a: CampaignSpec, b: CampaignSpec, resolve: Resolve = lambda spec: spec
 ) -> tuple[str, ...]:
     """In which fields two campaigns ask something else of their planners.
 
@@ -77,15 +59,9 @@ def list_differences(
     return found and list_differing_fields(resolve(a), resolve(b))
 
 
-def is_same_question(a: CampaignSpec, b: CampaignSpec, resolve: Resolve) -> bool:
-    """Whether two campaigns ask the same; only fields that hold defaults are worth resolving."""
-    return HOLD_DEFAULTS.issuperset(list_differing_fields(a, b)) and not list_differences(
-        a, b, resolve
-    )
-
-
 def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
     """Return the fields that have other values, apart from those that may differ."""
+    # Two ways to write the same noise, or the same requirements, are no difference.
     if a.disturbance.is_like(b.disturbance):
         b = replace(b, disturbance=a.disturbance)
     if a.all_requirements == b.all_requirements:
@@ -95,7 +71,7 @@ def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
 
 
 def check_baseline(
-    suite: Suite, found: Mapping[str, Campaign], baseline: str, resolve: Resolve = _keep_spec
+    suite: Suite, found: Mapping[str, Campaign], baseline: str, resolve: Resolve = lambda spec: spec
 ) -> None:
     """Make sure that a baseline can be judged against.
 
@@ -113,44 +89,30 @@ def check_baseline(
         members = ", ".join(member.name for member in suite.members[:5])
         problem = f"'{baseline}' contains no members of {suite.name} ({members})."
         raise InvalidValue("baseline", problem, WAYS_TO_NAME)
-    for member in suite.members:
-        if before := found.get(member.name):
-            check_same_question(member, before, found, resolve)
-            check_done(before)
-
-
-def check_same_question(
-    member: SuiteMember,
-    before: Campaign,
-    found: Mapping[str, Campaign],
-    resolve: Resolve = _keep_spec,
-) -> None:
-    """Raises InvalidValue if something else than the planner differs.
-
-    A member that builds upon another asks the same if its baseline builds upon the other's.
-    """
     ids = {name: campaign.id for name, campaign in found.items()}
-    asked = resolve_references(member.spec, lambda name: ids.get(name, UNKNOWN_CAMPAIGN))
-    if differing := list_differences(asked, before.spec, resolve):
-        raise InvalidValue(
-            f"member '{member.name}'",
-            f"{', '.join(differing)} of campaign {before.id}, its baseline, differ.",
-            "Only the planner and its settings may: run the baseline with this suite again.",
-        )
-
-
-def check_done(before: Campaign) -> None:
-    """Raises Conflict if a baseline's campaign says nothing yet, or nothing at all."""
-    if before.state is not CampaignState.DONE:
-        problem = f"Campaign {before.id} of the baseline is {before.state}."
-        raise Conflict(problem, f"Wait for it to end: eigenfail campaign show {before.id}")
-    if not before.counts.completed:
-        problem = f"Campaign {before.id} of the baseline completed no episode."
-        raise Conflict(problem, f"See why: eigenfail episode list {before.id} --outcome errored")
+    for member in suite.members:
+        if (before := found.get(member.name)) is None:
+            continue
+        # A member that builds upon another asks the same if its baseline builds upon the other's.
+        # No campaign has the number 0.
+        asked = resolve_references(member.spec, lambda name: ids.get(name, 0))
+        if differing := list_differences(asked, before.spec, resolve):
+            raise InvalidValue(
+                f"member '{member.name}'",
+                f"{', '.join(differing)} of campaign {before.id}, its baseline, differ.",
+                "Only the planner and its settings may: run the baseline with this suite again.",
+            )
+        if before.state is not CampaignState.DONE:
+            problem = f"Campaign {before.id} of the baseline is {before.state}."
+            raise Conflict(problem, f"Wait for it to end: eigenfail campaign show {before.id}")
+        if not before.counts.completed:
+            problem = f"Campaign {before.id} of the baseline completed no episode."
+            see = f"See why: eigenfail episode list {before.id} --outcome errored"
+            raise Conflict(problem, see)
 
 
 def find_counterpart(
-    member: SuiteMember, campaigns: Sequence[Campaign], resolve: Resolve = _keep_spec
+    member: SuiteMember, campaigns: Sequence[Campaign], resolve: Resolve = lambda spec: spec
 ) -> Campaign | None:
     """Which of some campaigns is the member's: that of its name, or else of its question.
 
@@ -160,7 +122,11 @@ def find_counterpart(
     # Members that vary a planner's settings alone ask the same: only names tell them apart.
     named = [each for each in campaigns if each.spec.name.endswith(f": {member.name}")]
     alike = named or [
-        each for each in campaigns if is_same_question(member.spec, each.spec, resolve)
+        each
+        for each in campaigns
+        # Only where fields that hold defaults alone differ is it worth to ask the service.
+        if HOLD_DEFAULTS.issuperset(list_differing_fields(member.spec, each.spec))
+        and not list_differences(member.spec, each.spec, resolve)
     ]
     if len(alike) > 1:
         ids = ", ".join(str(each.id) for each in alike)

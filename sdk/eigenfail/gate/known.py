@@ -172,28 +172,34 @@ def make_mode_replays(
         analysis: done, with at least one mode.
         drawn: see `Drawn`.
     """
-    modes = analysis.result.modes if analysis.result else ()
+    modes, name = analysis.result.modes if analysis.result else (), f"analysis {analysis.id}"
     for parameters, places in _group_by_scenario(modes, drawn):
         world = _set_scenario(before.spec, parameters)
         where = f" as in {before.id}/{modes[places[0]].medoid}" if parameters else ""
         eigenfailures = under.replay(
-            f"eigenfailures of analysis {analysis.id}{where}",
+            f"eigenfailures of {name}{where}",
             world,
             settings={"analysis": analysis.id},
             episodes=len(modes),
         )
-        yield KnownReplay(eigenfailures, {n: _name_eigenfailure(analysis.id, n) for n in places})
+        # An eigenfailure is a mean: whether it fails at all is not known until it is replayed.
+        centres = {
+            n: KnownFailure(f"eigenfailure {n + 1} of {name}", mode=f"{analysis.id}/{n + 1}")
+            for n in places
+        }
+        yield KnownReplay(eigenfailures, centres)
         medoids = [modes[place].medoid for place in places]
         again = under.replay(
-            f"medoids of analysis {analysis.id}{where}",
+            f"medoids of {name}{where}",
             world,
             settings={"campaign": before.id, "episodes": medoids},
             episodes=len(medoids),
         )
-        known = {
-            n: _make_known_medoid(place, before.id, analysis.id, modes[place])
-            for n, place in enumerate(places)
-        }
+        known: dict[int, KnownFailure] = {}
+        for n, place in enumerate(places):
+            was, mode = f"{before.id}/{medoids[n]}", f"{analysis.id}/{place + 1}"
+            what = f"medoid {place + 1}, {was}"
+            known[n] = KnownFailure(what, was, Outcome.COLLISION, mode)
         yield KnownReplay(again, known)
 
 
@@ -208,20 +214,6 @@ def _group_by_scenario(
         key = msgspec.json.encode(dict(parameters), order="sorted")
         groups.setdefault(key, (parameters, []))[1].append(place)
     yield from groups.values()
-
-
-def _name_eigenfailure(analysis: int, place: int) -> KnownFailure:
-    """Return the name of a mode's eigenfailure, which has not been replayed yet."""
-    return KnownFailure(
-        f"eigenfailure {place + 1} of analysis {analysis}", mode=f"{analysis}/{place + 1}"
-    )
-
-
-def _make_known_medoid(place: int, campaign: int, analysis: int, mode: FailureMode) -> KnownFailure:
-    """The medoid of a mode: an episode that did fail."""
-    was = f"{campaign}/{mode.medoid}"
-    what = f"medoid {place + 1}, {was}"
-    return KnownFailure(what, was, Outcome.COLLISION, f"{analysis}/{place + 1}")
 
 
 NEW_MODE = 0.025

@@ -76,6 +76,7 @@ def match_versions(
 def _find_problem(table: ReleaseTable, before: str, now: str) -> str:
     if not before:
         return "The baseline names no version of the planner."
+    # Another planner of the same scenario has releases of its own.
     releases = {each.version: each for each in table.releases}
     if before not in releases:
         return f"The releases of this scenario do not have {before}: its planner is another one."

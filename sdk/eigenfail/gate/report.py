@@ -148,6 +148,7 @@ def build_report(
     seen = Counter[GateVerdict]()
     for member in members:
         seen.update(member.count_verdicts())
+    # In the order of the verdicts, so that equal gates have equal reports, byte for byte.
     counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
     # A doubtful episode may hide what closes the gate: "open" is only said where none is left.
     report = GateReport(
@@ -160,6 +161,7 @@ def build_report(
     return replace(report, open=False) if any(report.list_doubts()) else report
 
 
+# Names and problems are texts of users and plug-ins; one such character makes the file unreadable.
 ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that an XML 1.0 document cannot hold, or does not keep."""
 

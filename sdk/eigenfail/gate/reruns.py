@@ -6,7 +6,6 @@ from enum import StrEnum
 from typing import Annotated
 
 import msgspec
-from msgspec.structs import replace
 
 from eigenfail.gate.verdicts import (
     CLOSING,
@@ -227,15 +226,42 @@ def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         by: by what to judge where noise was the same.
         closing: verdicts that close the gate.
     """
+    counts = Counter[GateVerdict]()
+    unpaired = ""
     if comparison.pairs is None:
-        judged = _judge_as_whole(before, now, comparison, pages)
+        # Nothing tells which failure is whose: one verdict for all episodes, and any may be new.
+        by, unpaired = JudgedBy.RATE, comparison.unpaired_because or "its episodes are not paired."
+        verdict = judge_rate(before.campaign, now.campaign, comparison.difference)
+        words = describe_rates(verdict, before.campaign, now.campaign, comparison)
+        findings = _list_failure_findings(now, pages)
     else:
-        judged = _judge_by_pairs(before, now, comparison, pages, by)
-    campaigns = before.campaign, now.campaign
-    sides = before.outcomes, now.outcomes
-    hidden = find_hidden(*sides, campaigns, comparison.pairs, judged.by, closing)
+        verdicts = judge_pairs(before.outcomes, now.outcomes)
+        counts.update(verdicts.values())
+        by_chance = by is JudgedBy.RATE
+        worst = find_worst(counts)
+        verdict = judge_rate_by_chance(comparison.pairs, counts) if by_chance else worst
+        words = describe_pairs(counts, comparison)
+        findings = _list_pair_findings(verdicts, before.id, now, pages)
+    sides, campaigns = (before.outcomes, now.outcomes), (before.campaign, now.campaign)
+    hidden = find_hidden(*sides, campaigns, comparison.pairs, by, closing)
     errored = len(hidden & now.outcomes.errored.keys())
-    return replace(judged, hidden_errored=errored, hidden_unresolved=len(hidden) - errored)
+    return Rerun(
+        before=read_figures(before.campaign, len(before.outcomes.unresolved)),
+        now=read_figures(now.campaign, len(now.outcomes.unresolved)),
+        method=now.campaign.spec.method,
+        verdict=verdict,
+        by=by,
+        words=words,
+        unpaired_because=unpaired,
+        # Sorted, so that equal gates have equal reports, byte for byte.
+        counts={each: counts[each] for each in WORST_FIRST if counts[each]},
+        findings=tuple(findings),
+        difference=comparison.difference,
+        warnings=_list_warnings(comparison),
+        wall_s=now.campaign.active_s,
+        hidden_errored=errored,
+        hidden_unresolved=len(hidden) - errored,
+    )
 
 
 def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are judged
@@ -260,73 +286,36 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
     worst = judge_doubtful(before, now)
     if by is JudgedBy.EPISODE:
         return {index for index, verdict in worst.items() if verdict in closing}
-    if pairs is not None:
-        was_fixed = len(before.failures.keys() & now.unresolved.keys())
-        verdict = _judge_worst_pairs(pairs, was_fixed, Counter(worst.values()))
-    else:
+    if pairs is None:
         verdict = _judge_worst_rate(*campaigns, len(now.unresolved))
+    else:
+        # A pair that was fixed, and is in doubt now, fails on both sides in the worst case.
+        was_fixed = len(before.failures.keys() & now.unresolved.keys())
+        counts = Counter(worst.values())
+        totals = PairTotals(
+            both=pairs.both + counts[GateVerdict.STILL_FAILING],
+            only_first=pairs.only_a - was_fixed,
+            only_second=pairs.only_b + counts[GateVerdict.NEW],
+        )
+        verdict = judge_rate_by_chance(mcnemar(totals), {})
     return set(worst) if verdict in closing else set()
 
 
-def _judge_worst_pairs(
-    pairs: McNemar, was_fixed: int, counts: Mapping[GateVerdict, int]
-) -> GateVerdict:
-    """Judge pairs of episodes by chance, those in doubt as failures of the new planner.
-
-    Args:
-        pairs: test on the pairs as they were found.
-        was_fixed: number of pairs in doubt of which the baseline failed.
-        counts: number of pairs in doubt by what would become of them.
-    """
-    worst = PairTotals(
-        both=pairs.both + counts.get(GateVerdict.STILL_FAILING, 0),
-        only_first=pairs.only_a - was_fixed,
-        only_second=pairs.only_b + counts.get(GateVerdict.NEW, 0),
-    )
-    return judge_rate_by_chance(mcnemar(worst), {})
-
-
 def _judge_worst_rate(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:
-    """Judge a rate against the baseline's, episodes in doubt as failures of the new planner.
-
-    An estimate is not computed again here, so any episode in doubt may raise it.
-    """
+    """Judge a rate against the baseline's, episodes in doubt as failures of the new planner."""
     was, counts = before.counts, now.counts
-    doubtful = counts.errored + unresolved
+    failures = counts.failures + counts.errored + unresolved
+    # An estimate cannot be computed again here, so any episode in doubt may raise it.
     if not was.failures or subtract_estimates(before.estimate, now.estimate):
-        return GateVerdict.NEW if counts.failures + doubtful else GateVerdict.SAFE
-    old = _make_rate(was.failures, was.completed)
-    new = _make_rate(counts.failures + doubtful, counts.completed + counts.errored)
-    risen = difference(old, new).interval.low > 0.0
+        return GateVerdict.NEW if failures else GateVerdict.SAFE
+    new = _make_rate(failures, counts.completed + counts.errored)
+    risen = difference(_make_rate(was.failures, was.completed), new).interval.low > 0.0
     return GateVerdict.NEW if risen else GateVerdict.STILL_FAILING
 
 
 def _make_rate(k: int, n: int) -> Rate:
     """Return a rate as if its episodes were a random sample: for a search it is a threshold."""
     return Rate(k / n, k, n, wilson(k, n))
-
-
-def _judge_by_pairs(
-    before: RerunSide, now: RerunSide, comparison: Comparison, pages: str, by: JudgedBy
-) -> Rerun:
-    """Give each failing episode a verdict; the verdict of all is the worst, or chance."""
-    verdicts = judge_pairs(before.outcomes, now.outcomes)
-    counts = Counter(verdicts.values())
-    worst = find_worst(counts)
-    return Rerun(
-        before=read_figures(before.campaign, len(before.outcomes.unresolved)),
-        now=read_figures(now.campaign, len(now.outcomes.unresolved)),
-        method=now.campaign.spec.method,
-        verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison.pairs, counts),
-        by=by,
-        words=describe_pairs(counts, comparison),
-        # Sorted, so that equal gates have equal reports, byte for byte.
-        counts={each: counts[each] for each in WORST_FIRST if counts[each]},
-        findings=tuple(_list_pair_findings(verdicts, before.id, now, pages)),
-        difference=comparison.difference,
-        warnings=_list_warnings(comparison),
-        wall_s=now.campaign.active_s,
-    )
 
 
 def find_worst(counts: Mapping[GateVerdict, int]) -> GateVerdict:
@@ -344,24 +333,6 @@ def _list_pair_findings(
         for index in alike[:_MOST_FINDINGS]:
             what, was = f"episode {index}", f"{before}/{index}"
             yield make_finding(worst, what, was, rows[index], pages)
-
-
-def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, pages: str) -> Rerun:
-    """Give one verdict for all episodes, with the likeliest failures, which may be new or known."""
-    became = judge_rate(before.campaign, now.campaign, comparison.difference)
-    return Rerun(
-        before=read_figures(before.campaign, len(before.outcomes.unresolved)),
-        now=read_figures(now.campaign, len(now.outcomes.unresolved)),
-        method=now.campaign.spec.method,
-        verdict=became,
-        by=JudgedBy.RATE,
-        words=describe_rates(became, before.campaign, now.campaign, comparison),
-        unpaired_because=comparison.unpaired_because or "its episodes are not paired.",
-        findings=tuple(_list_failure_findings(now, pages)),
-        difference=comparison.difference,
-        warnings=_list_warnings(comparison),
-        wall_s=now.campaign.active_s,
-    )
 
 
 def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:

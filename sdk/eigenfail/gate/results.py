@@ -114,6 +114,7 @@ def check_report(report: GateReport) -> None:
         InvalidValue: one does not, or nothing but lost episodes keeps the gate closed, which says
             nothing of the planner.
     """
+    # A client says what it found, not what follows from it: a verdict is never taken on trust.
     again = build_report(report.gate, report.members)
     for name in ("counts", "open"):
         if getattr(again, name) != getattr(report, name):

@@ -100,6 +100,7 @@ def judge_pairs(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, Ga
         now: outcomes of the new planner, under the same noise at every index.
     """
     tried = {index for index in before.failures if index < now.episodes}
+    # Errored where the baseline got to its end: that alone may be the new planner's doing.
     broken = {index for index in now.errored if before.of(index) is not None}
     indices = sorted(tried | broken | now.failures.keys())
     found = {index: judge_outcome(before.of(index), now.of(index)) for index in indices}
@@ -156,6 +157,7 @@ def judge_rate_by_chance(pairs: McNemar | None, counts: Mapping[GateVerdict, int
     chance: where McNemar's exact test on them gives p < 0.05. Fixed, if it is the other way round;
     safe, if none fails now, and no fewer than chance explains.
     """
+    # Errored first: the test is on the other pairs, and would hide what could not be run.
     if counts.get(GateVerdict.CANNOT_RUN) or pairs is None:
         return GateVerdict.CANNOT_RUN
     change = (pairs.only_b > pairs.only_a) - (pairs.only_b < pairs.only_a)
@@ -191,6 +193,7 @@ def find_change(
         low, high = difference.interval.low, difference.interval.high
     else:
         return 0
+    # An interval that holds 0 decides nothing, in either direction.
     return (low > 0.0) - (high < 0.0)
 
 

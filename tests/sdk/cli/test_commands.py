@@ -13,7 +13,7 @@ import pytest
 
 from eigenfail import replays
 from eigenfail.cli import connection as places_module
-from eigenfail.cli.doctor import check_workers, list_narrow_campaigns
+from eigenfail.cli.doctor import check_workers, list_troubled_campaigns
 from eigenfail.cli.render import INTERRUPTED
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL, Address, DataFolder
@@ -491,10 +491,11 @@ def test_the_doctor_says_when_campaigns_are_too_narrow_for_the_workers(changes, 
     spec = msgspec.convert({"name": "n", "episodes": 1000} | changes, CampaignSpec)
     campaign = SimpleNamespace(id=7, spec=spec)
     client = SimpleNamespace(
+        staffing=lambda: SimpleNamespace(stranded=()),
         present_workers=lambda: (None,) * workers,
         campaigns=SimpleNamespace(list=lambda _state: iter((campaign,))),
     )
-    findings = list(list_narrow_campaigns(client))
+    findings = list(list_troubled_campaigns(client))
     assert [one.found for one in findings] == [found for found, _ in told]
     assert all(one.remedy.endswith(end) for one, (_, end) in zip(findings, told, strict=True))
     assert not any(one.wrong for one in findings)
@@ -502,8 +503,12 @@ def test_the_doctor_says_when_campaigns_are_too_narrow_for_the_workers(changes, 
 
 def test_the_doctor_says_nothing_of_campaigns_where_none_runs():
     campaigns = SimpleNamespace(list=lambda _state: iter(()))
-    client = SimpleNamespace(present_workers=lambda: (None,), campaigns=campaigns)
-    assert list(list_narrow_campaigns(client)) == []
+    client = SimpleNamespace(
+        staffing=lambda: SimpleNamespace(stranded=()),
+        present_workers=lambda: (None,),
+        campaigns=campaigns,
+    )
+    assert list(list_troubled_campaigns(client)) == []
 
 
 def test_campaigns_are_labelled_in_a_file_and_found_by_labels(eigenfail, spec_file):

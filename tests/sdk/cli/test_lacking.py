@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from eigenfail.cli import render
-from eigenfail.cli.doctor import list_unrunnable_campaigns
+from eigenfail.cli.doctor import list_troubled_campaigns
 from eigenfail.cli.render import PATIENCE_S, _MissingWorkerNotice, find_missing_workers
 from eigenfail.client import Client
 from eigenfail.errors import NotFound
@@ -39,7 +39,7 @@ def test_a_campaigns_page_says_what_it_lacks(eigenfail, idle, store):
 
 
 def test_the_doctor_names_the_campaign_and_finds_it_wrong(eigenfail, client, idle, store):
-    assert list(list_unrunnable_campaigns(client)) == []
+    assert list(list_troubled_campaigns(client)) == []
     store.events.append("workers.lacking", BRIDGE, idle)
     told = eigenfail("doctor", "--json")
     (found,) = [each for each in json.loads(told.stdout) if each["what"] == f"campaign {idle}"]
@@ -89,4 +89,4 @@ def test_a_service_that_does_not_know_of_it_says_nothing(store, idle):
 
     client = SimpleNamespace(staffing=unknown)
     assert find_missing_workers(client, store.campaigns.get(idle)) == ()
-    assert list(list_unrunnable_campaigns(client)) == []
+    assert list(list_troubled_campaigns(client)) == []

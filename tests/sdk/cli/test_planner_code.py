@@ -1,6 +1,7 @@
 """The fingerprint of planners' code: other where the code, what it needs or its settings are."""
 
 import sys
+from types import SimpleNamespace
 
 import pytest
 from msgspec.structs import replace
@@ -55,7 +56,8 @@ def test_changed_code_has_another(package):
 
 def test_another_release_of_anything_installed_has_another(monkeypatch):
     before = fingerprint(suite_of())
-    monkeypatch.setattr(gate, "_list_installed_packages", lambda: ["osqp==99"])
+    other = SimpleNamespace(metadata={"Name": "osqp"}, version="99")
+    monkeypatch.setattr(gate, "distributions", lambda: [other])
     assert fingerprint(suite_of()) != before
 
 

@@ -6,7 +6,7 @@ import httpx2
 import pytest
 
 from eigenfail.client import link
-from eigenfail.client.link import AWAY_S, Waiter, check_during_waits, waiter
+from eigenfail.client.link import AWAY_S, check_during_waits, rest
 from eigenfail.errors import ServiceError, ServiceUnreachable, StoreUnavailable
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -30,7 +30,7 @@ def store_away() -> httpx2.Response:
     return httpx2.Response(503, content=http.encode(told))
 
 
-class Played(Waiter):
+class Played:
     """Time passes while somebody rests."""
 
     def __init__(self) -> None:
@@ -46,9 +46,9 @@ def time(monkeypatch):
     played = Played()
     monkeypatch.setattr(link, "monotonic", lambda: played.now_s)
     monkeypatch.setattr("eigenfail.client.link.find_pause", lambda _error, _tried: 0.1)
-    token = waiter.set(played)
+    token = rest.set(played.rest)
     yield played
-    waiter.reset(token)
+    rest.reset(token)
 
 
 @pytest.mark.fault("restart of the controller while a client waits for a campaign")

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from eigenfail.cli import gate_runs
-from eigenfail.client.releases import Releases
+from eigenfail.client.versions import Releases
 from eigenfail.errors import NotFound, ServiceBusy
 
 
@@ -64,12 +64,12 @@ def test_a_gate_goes_on_where_releases_are_not_compared_and_says_why(gate, monke
 
 
 def test_a_gate_goes_on_where_the_new_version_is_not_analysed_and_says_why(gate, monkeypatch):
-    analyze, error = gate_runs.analyze_campaign, ERRORS[1]
+    analyze, error = gate_runs.find_or_run_analysis, ERRORS[1]
 
-    def refuse_new(client, place, campaign):
-        if client.campaigns.get(campaign).spec.version == "v2":
+    def refuse_new(client, place, campaign, *others):
+        if not others and client.campaigns.get(campaign).spec.version == "v2":
             raise error
-        return analyze(client, place, campaign)
+        return analyze(client, place, campaign, *others)
 
-    monkeypatch.setattr(gate_runs, "analyze_campaign", refuse_new)
+    monkeypatch.setattr(gate_runs, "find_or_run_analysis", refuse_new)
     assert find_problems(gate("usual", "--json")) == [str(error)] * 2

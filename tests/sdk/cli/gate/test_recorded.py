@@ -2,7 +2,7 @@
 
 import json
 
-from eigenfail.client.gates import Gates
+from eigenfail.client.versions import Gates
 from eigenfail.errors import Forbidden
 from eigenfail.values.webhooks import WebhookEvent, WebhookRequest
 from eigenfail_services.store.clock import now_ms

@@ -1,4 +1,4 @@
-"""The command reference as a page: `python -m eigenfail.cli.reference docs/cli.md` writes it.
+"""The command reference as a page: `python tests/support/cli_reference.py docs/cli.md` writes it.
 
 Names of commands after the file limit the reference to them: the page of a plug-in has its own.
 """

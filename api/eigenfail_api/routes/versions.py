@@ -1,0 +1,80 @@
+"""Routes of versions of planners: their comparison, and the reports of gates."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Query
+
+from eigenfail.gate.report import GateReport
+from eigenfail.gate.results import GateResult, GateSummary, check_report
+from eigenfail.values.records import Page
+from eigenfail.values.release import ReleaseQuestion, ReleaseTable
+from eigenfail.wire.http import PREFIX
+from eigenfail_api.concurrency import ConcurrencyLimit
+from eigenfail_api.openapi import document_route
+from eigenfail_api.parameters import (
+    LARGEST,
+    Before,
+    CampaignId,
+    Json,
+    Limit,
+    Stored,
+    body_of,
+)
+from eigenfail_services.comparison.releases import list_questions, make_release_table
+
+router = APIRouter(prefix=PREFIX, tags=["campaigns"])
+
+# Both routes read up to 2,000 campaigns, so a crowd of requests is refused.
+RELEASES = Depends(ConcurrencyLimit("releases"), scope="function")
+
+Project = Annotated[str | None, Query(description="Only campaigns of this project.")]
+
+
+@router.get("/releases", dependencies=[RELEASES], **document_route(Page[ReleaseQuestion]))
+def list_releases(store: Stored, project: Project = None) -> Json:
+    """List the scenarios in which versions of a planner were tested, the newest first."""
+    return Json(Page(list_questions(store, project)))
+
+
+@router.get("/releases/{campaign}", dependencies=[RELEASES], **document_route(ReleaseTable))
+def get_release_table(store: Stored, campaign: CampaignId) -> Json:
+    """Get the versions tested as in a campaign, with what became of each failure mode."""
+    return Json(make_release_table(store, campaign))
+
+
+gates_router = APIRouter(prefix=PREFIX, tags=["gates"])
+
+GateId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of the result of a gate.")]
+
+
+EXAMPLE = {
+    "gate": {"suite": "nightly", "version": "v2", "run": "nightly @ v2", "baseline": "v1"},
+    "open": True,
+    "counts": {"fixed": 1},
+    "members": [
+        {
+            "member": "cut-in",
+            "known": [{"verdict": "fixed", "what": "medoid 1, 3/115", "was": "3/115"}],
+        }
+    ],
+}
+
+
+@gates_router.post("/gates", **document_route(GateSummary, 201, body=GateReport, example=EXAMPLE))
+def record_gate(store: Stored, report: Annotated[GateReport, Depends(body_of(GateReport))]) -> Json:
+    """Store the report of a gate once; a closed gate also sends messages of webhooks."""
+    check_report(report)
+    made = store.gates.record(report)
+    return Json(made, 201, {"Location": f"{PREFIX}/gates/{made.id}"})
+
+
+@gates_router.get("/gates", **document_route(Page[GateSummary]))
+def list_gates(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+    """List the results of gates, newest first, without their reports."""
+    return Json(store.gates.page(limit, before))
+
+
+@gates_router.get("/gates/{gate}", **document_route(GateResult))
+def get_gate(store: Stored, gate: GateId) -> Json:
+    """Get the result of a gate, with its report."""
+    return Json(store.gates.get(gate))
