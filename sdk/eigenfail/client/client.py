@@ -23,7 +23,6 @@ from eigenfail.client.references import (
 from eigenfail.client.releases import Releases
 from eigenfail.client.suites import Suites
 from eigenfail.client.triage import TriageRecords
-from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.values import access
 from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
@@ -71,7 +70,6 @@ class Client:
         self.gates = Gates(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)
-        self.webhooks = Webhooks(self._link)
 
     @property
     def url(self) -> str:

@@ -26,11 +26,10 @@ from eigenfail_services.store.codec import (
 )
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
-from eigenfail_services.store.events import append_event, describe_analysis
+from eigenfail_services.store.events import EventSubject, append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.listing import contains_text
-from eigenfail_services.store.outbox import queue_analysis_end
 from eigenfail_services.store.references import hold_noise
 from eigenfail_services.store.schema import (
     analyses,
@@ -239,15 +238,13 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         # finds a row.
         .where(analyses.c.id == analysis, analyses.c.state.in_(UNFINISHED))
         .values(**columns)
-        # The result is returned as well, because messages to webhooks list the modes.
+        # The result is returned as well, because the event says how many modes there are.
         .returning(*_WHOLE.columns)
     )
     after = _WHOLE.first(connection, statement)
     if after is None:
         require_analysis(connection, analysis)
         return None
-    if after.state not in UNFINISHED:
-        queue_analysis_end(connection, after)
     _log(connection, after)
     return after
 
@@ -291,4 +288,10 @@ def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
 
 
 def _log(connection: Connection, analysis: Analysis) -> None:
-    append_event(connection, "analysis.state", describe_analysis(analysis), analysis.campaign)
+    append_event(
+        connection,
+        "analysis.state",
+        describe_analysis(analysis),
+        analysis.campaign,
+        EventSubject(analysis.id, analysis.state),
+    )

@@ -38,6 +38,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import (
+    EventSubject,
     append_event,
     describe_archive,
     describe_mixed_releases,
@@ -54,7 +55,6 @@ from eigenfail_services.store.lifecycle import (
     set_priority,
 )
 from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
-from eigenfail_services.store.outbox import queue_campaign_end
 from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
@@ -350,8 +350,8 @@ def _move_campaign(
         enqueue(connection, JobKind.CAMPAIGN, campaign)
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
         withdraw(connection, JobKind.CAMPAIGN, campaign)
-    queue_campaign_end(connection, after)
-    append_event(connection, "campaign.state", describe_move(after, because), campaign)
+    words, subject = describe_move(after, because), EventSubject(state=after.state)
+    append_event(connection, "campaign.state", words, campaign, subject)
     return after
 
 

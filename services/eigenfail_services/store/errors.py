@@ -79,13 +79,6 @@ def make_gate_error(gate: int) -> errors.NotFound:
     return errors.NotFound(f"Gate {gate} does not exist.", "`eigenfail gate list` lists them.")
 
 
-def make_webhook_error(webhook: int) -> errors.NotFound:
-    """Return the error that no webhook has the id."""
-    return errors.NotFound(
-        f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them."
-    )
-
-
 def make_claim_error(claim: Job) -> errors.ClaimLost:
     """Return the error that a job was claimed by another process."""
     return errors.ClaimLost(

@@ -1,4 +1,4 @@
-"""Results of gates: each report once, with its event in the log and in the outbox."""
+"""Results of gates: each report once, with its event in the log."""
 
 import hashlib
 
@@ -10,13 +10,11 @@ from sqlalchemy.exc import IntegrityError
 from eigenfail.gate.report import GateReport, MemberReport
 from eigenfail.gate.results import GateResult, GateSummary, make_result, summarise_report
 from eigenfail.values.records import Page
-from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_gate_error
-from eigenfail_services.store.events import append_event, describe_gate
-from eigenfail_services.store.outbox import queue_gate_failure
+from eigenfail_services.store.events import EventSubject, append_event, describe_gate
 from eigenfail_services.store.schema import gates
 
 _SUMMARIES = StructRows(gates, GateSummary, {"counts": msgspec.json.decode})
@@ -31,9 +29,9 @@ class GateStore:
         self._database = database
 
     def record(self, report: GateReport) -> GateSummary:
-        """Store a report, log its verdict, and tell webhooks of a gate that is closed.
+        """Store a report, and log its verdict.
 
-        A report that is stored already is returned as it is, and told once, also where the file of
+        A report that is stored already is returned as it is, and logged once, also if the file of
         the suite, the links or the matched modes differ.
         """
         try:
@@ -82,8 +80,8 @@ def _record_once(connection: Connection, report: GateReport) -> GateSummary:
         report=msgspec.json.encode(report).decode(),
     )
     (summary,) = _SUMMARIES.list(connection, statement.returning(*_SUMMARIES.columns))
-    queue_gate_failure(connection, summary.id, report)
-    append_event(connection, _choose_kind(report), describe_gate(report))
+    words, subject = describe_gate(report), EventSubject(summary.id)
+    append_event(connection, _choose_kind(report), words, subject=subject)
     return summary
 
 
@@ -91,7 +89,7 @@ def _choose_kind(report: GateReport) -> str:
     """Return the kind of the event of a report."""
     if not report.gate.baseline:
         return "gate.baseline"
-    return "gate.passed" if report.open else WebhookEvent.GATE_FAILED.value
+    return "gate.passed" if report.open else "gate.failed"
 
 
 def _digest_judged(report: GateReport) -> str:

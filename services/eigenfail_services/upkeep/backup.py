@@ -6,7 +6,7 @@ Both are SQLite's online backup. PostgreSQL has programs of its own, which users
 import os
 import sqlite3
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -23,15 +23,16 @@ from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.values.operations import Backup
 from eigenfail_services.store.engine import find_backend, read_kind
 from eigenfail_services.store.migrate import refuse_unknown
-from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata
+from eigenfail_services.store.schema import (
+    VERSION_TABLE,
+    event_counter,
+    is_own_table,
+    plugin_versions,
+)
 from eigenfail_services.store.sqlite import find_mode
 
-HAS_ROWS: Mapping[str, str] = {
-    table.name: str(select(exists(select(literal_column("1")).select_from(table))))
-    for table in metadata.sorted_tables
-    if table is not event_counter
-}
-"""SQL that checks whether a table has a row, for all tables that are empty in a new database."""
+FILLED = {VERSION_TABLE, event_counter.name, plugin_versions.name}
+"""The tables that have rows in a new database."""
 
 
 def _explain_no_backup(file: Path, why: str) -> InvalidValue:
@@ -87,17 +88,21 @@ def _refuse_damage(connection: sqlite3.Connection) -> None:
 def _refuse_foreign_tables(path: Path, connection: sqlite3.Connection) -> None:
     """Raise Conflict if the database holds tables of other programs, which would be lost."""
     names = {name for (name,) in connection.execute(SELECT_TABLES)}
-    if strange := sorted(names - {*metadata.tables, VERSION_TABLE}):
+    if strange := sorted(name for name in names if not is_own_table(name)):
         raise Conflict(
             f"{path} has tables that are not eigenfail's: {', '.join(strange)}.",
             "Restore into a database of its own.",
         )
 
 
+def _select_has_rows(name: str) -> str:
+    return str(select(exists(select(literal_column("1")).select_from(table(name)))))
+
+
 def _refuse_rows(path: Path, connection: sqlite3.Connection) -> None:
     """Raise Conflict if a table has a row."""
-    names = HAS_ROWS.keys() & {name for (name,) in connection.execute(SELECT_TABLES)}
-    if any(connection.execute(HAS_ROWS[name]).fetchone()[0] for name in names):
+    names = {name for (name,) in connection.execute(SELECT_TABLES)} - FILLED
+    if any(connection.execute(_select_has_rows(name)).fetchone()[0] for name in names):
         raise Conflict(
             f"{path} is not empty.",
             "Restore into another one, or add --force: the contents of this one are then lost.",

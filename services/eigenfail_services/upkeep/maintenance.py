@@ -22,7 +22,7 @@ from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import find_backend, read_kind, translate_errors
 from eigenfail_services.store.errors import make_running_error
-from eigenfail_services.store.schema import metadata
+from eigenfail_services.store.schema import is_own_table
 from eigenfail_services.upkeep import backup
 
 TEMPORARY_VARIABLES = ("SQLITE_TMPDIR", "TMPDIR")
@@ -151,8 +151,8 @@ class PostgresVacuum:
 
 
 def _list_tables(connection: Connection) -> list[str]:
-    """Return the names of eigenfail's tables that exist."""
-    return sorted(set(metadata.tables) & set(inspect(connection).get_table_names()))
+    """Return the names of the tables of eigenfail and of plug-ins."""
+    return sorted(filter(is_own_table, inspect(connection).get_table_names()))
 
 
 def _measure_table(connection: Connection, table: str) -> int:
