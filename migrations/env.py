@@ -9,7 +9,7 @@ from sqlalchemy import Connection
 
 from eigenfail_services.store.engine import find_backend
 from eigenfail_services.store.migrate import schema_transaction
-from eigenfail_services.store.schema import VERSION_TABLE, Number, Prose, metadata
+from eigenfail_services.store.schema import PLUGIN_PREFIX, VERSION_TABLE, Number, Prose, metadata
 
 
 def transaction() -> AbstractContextManager[Connection]:
@@ -28,6 +28,11 @@ def rendered(_kind: str, item: Any, _context: AutogenContext) -> str | Literal[F
     return RENDERED.get(type(item), False)
 
 
+def included(name: str | None, kind: str, _parents: object) -> bool:
+    # Plug-ins create their tables themselves.
+    return kind != "table" or not (name or "").startswith(PLUGIN_PREFIX)
+
+
 with transaction() as connection:
     context.configure(
         connection=connection,
@@ -35,6 +40,7 @@ with transaction() as connection:
         version_table=VERSION_TABLE,
         render_as_batch=True,
         render_item=rendered,
+        include_name=included,
     )
     with context.begin_transaction():
         context.run_migrations()

@@ -9,8 +9,8 @@ from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from eigenfail import __version__
-from eigenfail.values.access import Scope
 from eigenfail_api import openapi, parameters
+from eigenfail_api.access import change_details
 from eigenfail_api.access.authentication import RULES, Authenticator, Clock, compile_rules
 from eigenfail_api.access.middleware import AuthMiddleware, OriginGuard, Preconditions, redact_logs
 from eigenfail_api.access.proxy import PeerRecorder
@@ -58,7 +58,6 @@ from eigenfail_api.routes import (
     plugins,
     recordings,
     versions,
-    webhooks,
 )
 from eigenfail_api.routes.events import EventFeed
 from eigenfail_api.settings import (
@@ -87,7 +86,6 @@ ROUTERS = (
     plugins.router,
     operations.router,
     keys.router,
-    webhooks.router,
     keys_page.router,
     overview_page.router,
     campaign_page.router,
@@ -190,10 +188,13 @@ def create_app(
     # Preconditions is outside of HeadRequests and EntityTags, because these answer its questions
     # about tags. It is inside of AuthMiddleware, so that only permitted requests ask.
     app.add_middleware(Preconditions)
-    viewer_requests = [line for each in installed for line in each.viewer_requests]
-    rules = (*RULES, *compile_rules(Scope.VIEWER, viewer_requests))
+    rules = [*RULES]
+    for extension in installed:
+        for scope, lines in extension.scopes.items():
+            rules += compile_rules(scope, lines)
+        change_details.RECORDED.update(extension.recorded)
     app.add_middleware(
-        AuthMiddleware, authenticator=app.state.authenticator, store=store, rules=rules
+        AuthMiddleware, authenticator=app.state.authenticator, store=store, rules=tuple(rules)
     )
     links = ForeignLinks(
         navigation=tuple(entry for each in installed for entry in each.navigation),

@@ -1,14 +1,16 @@
 """Extensions: routes, pages and navigation entries that other distributions add."""
 
 import logging
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
+import msgspec
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InvalidValue
+from eigenfail.values.access import Scope
 from eigenfail_api.dashboard.rendering import CampaignFile, NavigationEntry, add_templates
 
 log = logging.getLogger(__name__)
@@ -24,15 +26,18 @@ class Extension:
         templates: package with a folder `templates`; pages name a template `PACKAGE/FILE`.
         navigation: links in the head of every page.
         campaign_files: files about a campaign, which its page offers.
-        viewer_requests: requests such as "POST /area" that a viewer may send, since they change
-            nothing. Otherwise a viewer may read, and everything else requires an administrator.
+        scopes: least scopes of requests such as "POST /area". Otherwise a viewer may send a GET,
+            and everything else requires an administrator.
+        recorded: fields of a request's body that the audit log keeps, by type of the body. It
+            keeps nothing of other bodies, which may hold secrets.
     """
 
     routers: tuple[APIRouter, ...]
     templates: str = ""
     navigation: tuple[NavigationEntry, ...] = ()
     campaign_files: tuple[CampaignFile, ...] = ()
-    viewer_requests: tuple[str, ...] = ()
+    scopes: Mapping[Scope, tuple[str, ...]] = field(default_factory=dict)
+    recorded: Mapping[type[msgspec.Struct], tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Raise ValueError if the package has no templates."""
@@ -70,8 +75,8 @@ def _check_extension(name: str, extension: object, taken: set[str]) -> None:
     own = set(list_requests(extension.routers))
     if both := sorted(own & taken):
         raise InvalidValue("route", f"'{name}' has {both[0]}, which exists.", "Fix its package.")
-    if others := sorted({*extension.viewer_requests} - own):
-        problem = f"'{name}' opens {others[0]}, which is not its route."
+    if others := sorted({line for lines in extension.scopes.values() for line in lines} - own):
+        problem = f"'{name}' sets the scope of {others[0]}, which is not its route."
         raise InvalidValue("route", problem, "Fix its package.")
 
 

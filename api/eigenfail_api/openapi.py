@@ -134,7 +134,6 @@ TAGS = {
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
     "keys": "API keys and the audit log; for administrators.",
-    "webhooks": "Addresses to which events are sent; for administrators.",
     "operations": "Liveness, readiness and metrics, for operators.",
 }
 WORDS = {

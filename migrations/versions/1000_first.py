@@ -31,16 +31,14 @@ def upgrade() -> None:
     create_arrivals()
     create_keys()
     create_audit()
-    create_webhooks()
-    create_webhook_deliveries()
     create_gates()
+    create_plugins()
 
 
 def downgrade() -> None:
     for table in (
+        "plugins",
         "gates",
-        "webhook_deliveries",
-        "webhooks",
         "audit",
         "keys",
         "arrivals",
@@ -393,6 +391,8 @@ def create_events() -> None:
         sa.Column("kind", sa.Text(), nullable=False),
         sa.Column("message", sa.Text(), nullable=False),
         sa.Column("campaign", ID),
+        sa.Column("subject", ID),
+        sa.Column("state", sa.Text(), nullable=False),
         sa.PrimaryKeyConstraint("id", name="pk_events"),
     )
     op.create_index("ix_events_campaign_id", "events", ["campaign", "id"])
@@ -483,47 +483,6 @@ def create_audit() -> None:
     )
 
 
-def create_webhooks() -> None:
-    op.create_table(
-        "webhooks",
-        sa.Column("id", ID, nullable=False),
-        sa.Column("url", sa.Text(), nullable=False),
-        sa.Column("events", sa.Text(), nullable=False),
-        sa.Column("secret", sa.Text(), nullable=False),
-        sa.Column("active", sa.Boolean(), nullable=False),
-        sa.Column("created_ms", sa.BigInteger(), nullable=False),
-        sa.PrimaryKeyConstraint("id", name="pk_webhooks"),
-        sqlite_autoincrement=True,
-    )
-
-
-def create_webhook_deliveries() -> None:
-    op.create_table(
-        "webhook_deliveries",
-        sa.Column("id", ID, nullable=False),
-        sa.Column("webhook", ID, nullable=False),
-        sa.Column("event", sa.Text(), nullable=False),
-        sa.Column("kind", sa.Text(), nullable=False),
-        sa.Column("payload", sa.Text(), nullable=False),
-        sa.Column("created_ms", sa.BigInteger(), nullable=False),
-        sa.Column("state", sa.Text(), nullable=False),
-        sa.Column("attempts", sa.Integer(), nullable=False),
-        sa.Column("next_ms", sa.BigInteger(), nullable=False),
-        sa.Column("status", sa.Integer()),
-        sa.Column("problem", sa.Text(), nullable=False),
-        sa.Column("token", sa.Text()),
-        sa.Column("lease_until_ms", sa.BigInteger(), nullable=False),
-        sa.Column("lease_ms", sa.BigInteger(), nullable=False),
-        sa.PrimaryKeyConstraint("id", name="pk_webhook_deliveries"),
-        sa.ForeignKeyConstraint(["webhook"], ["webhooks.id"], name="fk_webhook_deliveries_webhook"),
-        sqlite_autoincrement=True,
-    )
-    op.create_index(
-        "ix_webhook_deliveries_state_next_ms", "webhook_deliveries", ["state", "next_ms"]
-    )
-    op.create_index("ix_webhook_deliveries_webhook_id", "webhook_deliveries", ["webhook", "id"])
-
-
 def create_gates() -> None:
     op.create_table(
         "gates",
@@ -541,4 +500,13 @@ def create_gates() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_gates"),
         sa.UniqueConstraint("digest", name="uq_gates_digest"),
         sqlite_autoincrement=True,
+    )
+
+
+def create_plugins() -> None:
+    op.create_table(
+        "plugins",
+        sa.Column("name", sa.Text(), nullable=False),
+        sa.Column("version", sa.Integer(), nullable=False),
+        sa.PrimaryKeyConstraint("name", name="pk_plugins"),
     )

@@ -28,6 +28,8 @@ COMMANDS = "eigenfail.commands"
 ROUTES = "eigenfail.routes"
 DATABASE_TOOLS = "eigenfail.database_tools"
 EXPORTS = "eigenfail.exports"
+TABLES = "eigenfail.tables"
+TASKS = "eigenfail.tasks"
 
 NEEDED = {METHODS: "Settings", PLANNERS: "Settings", SCENARIOS: "Parameters"}
 """The attribute of a plug-in without which no campaign with it can be described, by group."""

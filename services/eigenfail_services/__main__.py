@@ -19,6 +19,7 @@ from eigenfail.hosting.service import Launcher
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import observability, options
+from eigenfail_services.background import BackgroundTasks
 from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns import analysis_jobs
 from eigenfail_services.campaigns.launcher import WorkerScaling
@@ -26,8 +27,6 @@ from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.hub.transport import load_keys
 from eigenfail_services.store import open_store
-from eigenfail_services.webhooks import addresses
-from eigenfail_services.webhooks.dispatcher import WebhookDispatcher
 
 TURN_S = 0.25
 RETRY_S = 1.0
@@ -43,7 +42,6 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser = Parser(prog="eigenfail_services", description=__doc__)
     parser.set_defaults(command=serve)
     options.add_options(parser)
-    addresses.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
@@ -95,20 +93,20 @@ def serve(arguments: argparse.Namespace) -> None:
     analyses = analysis_jobs.AnalysisJobs(store, arguments.database, of_analyses)
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
     staffing = WorkerScaling(launcher, hub, store.events)
-    webhooks = WebhookDispatcher(store, arguments.webhook_networks)
+    tasks = BackgroundTasks(store)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
         endings.callback(observability.configure("services"))
         # In the end the hub stops first, so that no result arrives any more. Then claims are given
         # back, workers leave, and the stores are closed last.
         stores = (store.close, hub_store.close)
         parts = (launcher.stop, analyses.stop, supervisor.release, hub.stop)
-        for ending in (*stores, webhooks.stop, *parts):
+        for ending in (*stores, tasks.stop, *parts):
             endings.callback(ending)
         if arguments.metrics:
             endings.callback(observability.serve(arguments.metrics, hub.metrics.registry))
         gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
-        webhooks.start()
+        tasks.start()
         is_local = arguments.launcher == Launcher.LOCAL
         reached = hub.address if is_local else arguments.advertise or hub.address
         # "own" is what the log calls the key of the workers that the service starts itself.

@@ -25,6 +25,7 @@ from fastapi import APIRouter, Depends
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InvalidValue
+from eigenfail.values.access import Scope
 from eigenfail_api.dashboard.rendering import CampaignFile, NavigationEntry, page
 from eigenfail_api.extensions import Extension
 from eigenfail_api.openapi import document_route
@@ -46,6 +47,18 @@ class Flock(msgspec.Struct, frozen=True):
     sheep: int = 0
 
 
+class Fleece(msgspec.Struct, frozen=True):
+    """Wool.
+
+    Attributes:
+        colour: its colour.
+        secret: what nobody may read.
+    """
+
+    colour: str
+    secret: str = ""
+
+
 @router.post("/sheep", **document_route(Flock, body=Flock, example={"name": "hill"}))
 def count_sheep(store: Stored, flock: Annotated[Flock, Depends(body_of(Flock))]) -> Json:
     """Count the sheep of a flock."""
@@ -54,10 +67,16 @@ def count_sheep(store: Stored, flock: Annotated[Flock, Depends(body_of(Flock))])
     return Json(Flock(flock.name, 7 + len(store.campaigns.page(10).items)))
 
 
-@router.post("/sheep/shear", **document_route(Flock))
-def shear() -> Json:
+@router.get("/sheep/price", **document_route(Flock))
+def price() -> Json:
+    """Price the sheep."""
+    return Json(Flock("dear"))
+
+
+@router.post("/sheep/shear", **document_route(Flock, body=Fleece, example={"colour": "white"}))
+def shear(fleece: Annotated[Fleece, Depends(body_of(Fleece))]) -> Json:
     """Shear the sheep."""
-    return Json(Flock("shorn"))
+    return Json(Flock(fleece.colour))
 
 
 @pages.get("/sheep")
@@ -74,7 +93,12 @@ extension = Extension(
         CampaignFile("Wool", "WOOL", "/api/v1/wool?campaign={campaign}&dyed=1", is_button=True),
         CampaignFile("Fleece & all", "ZIP", "/api/v1/wool?campaign={campaign}"),
     ),
-    viewer_requests=("POST /api/v1/sheep",),
+    scopes={
+        Scope.VIEWER: ("POST /api/v1/sheep",),
+        Scope.RUNNER: ("POST /api/v1/sheep/shear",),
+        Scope.ADMIN: ("GET /api/v1/sheep/price",),
+    },
+    recorded={Fleece: ("colour",)},
 )
 '''
 TEMPLATE = """{% extends "base.html" %}
@@ -216,20 +240,26 @@ def test_another_application_of_the_process_does_not_have_it(bring, serve, store
     assert "Sheep" in http.get("/workers").text
 
 
-def test_a_viewer_may_send_only_what_the_extension_says(bring, serve, store):
+def test_requests_require_the_scopes_that_the_extension_says(bring, serve, store):
     bring()
     http = serve()
     shown = {
         scope: {"Authorization": f"Bearer {make_key(store, KeyRequest(scope, scope)).token}"}
-        for scope in (Scope.ADMIN, Scope.VIEWER)
+        for scope in (Scope.ADMIN, Scope.RUNNER, Scope.VIEWER)
     }
-    body = {"name": "hill"}
-    assert http.post("/api/v1/sheep", json=body).status_code == 401
-    assert http.post("/api/v1/sheep", json=body, headers=shown[Scope.VIEWER]).status_code == 200
-    assert http.post("/api/v1/sheep/shear", headers=shown[Scope.VIEWER]).status_code == 403
-    assert http.post("/api/v1/sheep/shear", headers=shown[Scope.ADMIN]).status_code == 200
-    changes = [each.route for each in store.audit.page(10).items if "sheep" in each.route]
-    assert changes == ["/api/v1/sheep/shear"] * 2
+    requests = {
+        Scope.VIEWER: ("POST", "/api/v1/sheep", {"name": "hill"}),
+        Scope.RUNNER: ("POST", "/api/v1/sheep/shear", {"colour": "white", "secret": "hidden"}),
+        Scope.ADMIN: ("GET", "/api/v1/sheep/price", None),
+    }
+    for least, (method, address, body) in requests.items():
+        assert http.request(method, address, json=body).status_code == 401
+        for scope, headers in shown.items():
+            status = http.request(method, address, json=body, headers=headers).status_code
+            assert status == (200 if scope.allows(least) else 403)
+    changes = [each for each in store.audit.page(10).items if "shear" in each.route]
+    details = [each.details for each in changes if each.status == 200]
+    assert details == ['colour = "white"'] * 2
 
 
 @pytest.mark.parametrize(
@@ -242,7 +272,7 @@ def test_a_viewer_may_send_only_what_the_extension_says(bring, serve, store):
             "is of the type dict, and must be an Extension",
         ),
         ('"/sheep")\ndef show', '"/workers")\ndef show', "has GET /workers, which exists"),
-        ('("POST /api/v1/sheep",)', '("POST /api/v1/keys",)', "opens POST /api/v1/keys"),
+        ('("POST /api/v1/sheep",)', '("POST /api/v1/keys",)', "the scope of POST /api/v1/keys"),
         ('templates="eigenfail_sheep"', 'templates="eigenfail_goats"', "goats"),
     ],
 )

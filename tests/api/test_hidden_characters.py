@@ -14,7 +14,6 @@ URL = "/api/v1"
 HIDDEN = "gnp\u202eexe"
 """Reads `gnpexe.exe` backwards from the override on."""
 
-WEBHOOK = {"url": f"https://hooks.example/{HIDDEN}", "events": ["campaign.ended"]}
 GATE = {
     "gate": {"suite": "nightly", "version": HIDDEN, "run": "nightly @ v2", "baseline": "v1"},
     "open": True,
@@ -41,7 +40,6 @@ BODIES = [
     ("POST", f"{URL}/campaigns/check", {**CAMPAIGN, "name": HIDDEN}, "name"),
     ("POST", f"{URL}/suites", {"name": HIDDEN, "base": CAMPAIGN, "sweep": {"seed": [1]}}, "name"),
     ("POST", f"{URL}/keys", {"name": HIDDEN, "scope": "admin"}, "name"),
-    ("POST", f"{URL}/webhooks", WEBHOOK, "url"),
     ("POST", f"{URL}/gates", GATE, "gate.version"),
     ("PUT", "{mode}/name", {"name": HIDDEN}, "name"),
     ("POST", "{mode}/triage", {"ticket": f"https://tickets.example/{HIDDEN}"}, "ticket"),

@@ -182,7 +182,6 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/keys/{key}/quotas",
         "/api/v1/gates",
         "/api/v1/suites",
-        "/api/v1/webhooks",
     }
 
 
@@ -336,7 +335,7 @@ def place_beyond(document, node, seen=()):
 def test_no_integer_of_a_request_is_an_error_of_the_service(http, document):
     requests = 0
     for path, method, name, schema in sent(document):
-        ids = dict.fromkeys(("campaign", "analysis", "mode", "key", "webhook", "gate"), 1)
+        ids = dict.fromkeys(("campaign", "analysis", "mode", "key", "gate"), 1)
         ids |= dict.fromkeys(("index", "cluster", "version"), 0)
         for given in place_beyond(document, schema):
             if name:

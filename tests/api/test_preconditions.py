@@ -14,20 +14,16 @@ CHANGES = [
     ("PUT", "{mode}/name", {"name": "late"}, "{analysis}/modes"),
     ("POST", "{campaign}/priority", {"priority": "high"}, "{campaign}"),
     ("POST", "{campaign}/cancel", None, "{campaign}"),
-    ("DELETE", "{webhook}", None, "{webhook}"),
 ]
 
 
 @pytest.fixture
 def places(http, store, campaign):
     analysis = f"{URL}/analyses/{analysed(store, crashed(store), analysis_result())}"
-    hook = {"url": "https://hooks.example/a", "events": ["campaign.ended"]}
-    webhook = http.post(f"{URL}/webhooks", json=hook).json()["webhook"]["id"]
     return {
         "analysis": analysis,
         "mode": f"{analysis}/modes/2",
         "campaign": f"{URL}/campaigns/{campaign}",
-        "webhook": f"{URL}/webhooks/{webhook}",
     }
 
 
@@ -61,7 +57,7 @@ def test_change_after_another_one_is_refused(http, problem, places):
 
 
 def test_missing_thing_stays_a_404_whatever_the_precondition(http, problem):
-    problem(http.delete(f"{URL}/webhooks/99", headers={"If-Match": '"a"'}), 404)
+    problem(http.delete(f"{URL}/keys/99", headers={"If-Match": '"a"'}), 404)
 
 
 def test_of_conditional_changes_at_once_one_is_made(store):

@@ -15,7 +15,7 @@ ROUTES = [
     for route in router.routes
     for method in route.methods
 ]
-WITH_IDS = [route for route in ROUTES if {"campaign", "analysis", "webhook"} & {*route[2]}]
+WITH_IDS = [route for route in ROUTES if {"campaign", "analysis"} & {*route[2]}]
 BODIES = {
     "/api/v1/campaigns/{campaign}/priority": {"priority": "high"},
     "/api/v1/analyses/{analysis}/modes/{mode}/name": {"name": "late braking"},

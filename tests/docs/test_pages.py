@@ -63,7 +63,6 @@ OTHERWISE = {
     "docs/bridge_examples.md": "tests/examples/bridge builds and runs these bridges.",
     "docs/foreign_stacks.md": "tests/examples/bridge runs these bridges.",
     "docs/fix_a_planner.md": "tests/sdk/cli/gate/test_story.py runs its commands in order.",
-    "docs/webhooks.md": "It names a receiver elsewhere: tests/docs/test_webhooks_page.py.",
     "docs/releases.md": "It compares versions of a planner: tests/sdk/cli/test_release.py.",
     "docs/triage.md": "tests/sdk/cli/test_triage.py runs its commands and its Python.",
     "docs/sdk.md": "tests/sdk/cli/test_sdk_page.py runs its blocks in order, in one process.",

@@ -30,9 +30,12 @@ def test_the_table_lists_the_folders_of_plugins(page, root):
 
 @pytest.mark.parametrize("words", [["check"], ["format", "--check"]])
 def test_the_example_is_in_the_style_of_the_house(page, root, words, tmp_path):
-    code, test, routes = re.findall(r"^```python\n(# .*?)^```$", page, re.MULTILINE | re.DOTALL)
+    code, test, routes, diary = re.findall(
+        r"^```python\n(# .*?)^```$", page, re.MULTILINE | re.DOTALL
+    )
     assert len([line for line in f"{code}{test}".splitlines() if line.strip()]) < 80
-    for name, text in (("eigenfail_budget", code), ("test_budget", test), ("routes", routes)):
+    texts = {"eigenfail_budget": code, "test_budget": test, "routes": routes, "diary": diary}
+    for name, text in texts.items():
         (tmp_path / f"{name}.py").write_text(text.partition("\n")[2])
     ignored = ("--ignore", "D103,D100,S101,PLR2004,INP001") if words == ["check"] else ()
     ruff = [sys.executable, "-m", "ruff", *words, "--config", root / "pyproject.toml", *ignored]

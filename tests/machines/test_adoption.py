@@ -139,7 +139,7 @@ def calm(now_s: list[float], learners: list[FakeLearner]) -> str:
 def each_once(house: House) -> bool:
     """And no worker that lives was taken for one that an episode has killed."""
     once = Counter(dict.fromkeys(range(EPISODES), 1))
-    with house.store._database.reading() as connection:
+    with house.store.database.reading() as connection:
         killers = connection.execute(select(deaths)).all()
     return CountingEngine.runs == once and not killers
 

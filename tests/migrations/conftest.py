@@ -4,7 +4,14 @@ from contextlib import closing
 
 import pytest
 
+from eigenfail_services.store import migrate
 from eigenfail_services.store.engine import Database, find_backend
+
+
+@pytest.fixture(autouse=True)
+def no_plugin_tables(monkeypatch):
+    """The schema of the core alone, whatever is installed."""
+    monkeypatch.setattr(migrate, "load_plugin_tables", dict)
 
 
 @pytest.fixture(params=["sqlite", "postgres"])

@@ -67,8 +67,6 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/keys/{{key}}/quotas",
         f"GET {PREFIX}/keys/{{key}}/usage",
         f"DELETE {PREFIX}/keys/{{key}}",
-        f"GET {PREFIX}/webhooks",
-        f"GET {PREFIX}/webhooks/{{webhook}}",
     ),
 }
 

@@ -1,7 +1,7 @@
 """Details of a change for the audit log: the fields that a request gave, with their values.
 
 Only fields that are listed here are recorded: a body that is new, and a field that may hold a
-secret, such as the address of a webhook, leave nothing in the audit log until they are added.
+secret, such as an address with a password, leave nothing in the audit log until they are added.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,10 +14,9 @@ from eigenfail.gate.report import GateReport, GateRun
 from eigenfail.values.access import UNLIMITED, KeyRequest, Quotas, redact
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.triage import TriageChange
-from eigenfail.values.webhooks import WebhookRequest
 from eigenfail.wire.http import ModeName
 
-RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
+RECORDED: dict[type[msgspec.Struct], tuple[str, ...]] = {
     GateReport: ("gate", "open"),
     GateRun: ("suite", "version", "baseline"),
     KeyRequest: ("name", "scope", "expires_s", "quotas"),
@@ -25,9 +24,8 @@ RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
     PriorityChange: ("priority",),
     Quotas: ("max_open", "max_episodes", "max_episodes_per_day"),
     TriageChange: ("state", "ticket"),
-    WebhookRequest: ("events",),
 }
-"""Fields of a body that the audit log has; of other bodies it has none."""
+"""Fields of a body that the audit log has; of other bodies it has none. Extensions add theirs."""
 
 RECORDED_IN_FORMS = ("state", "ticket")
 """Fields of the form of triage on a page that the audit log has."""

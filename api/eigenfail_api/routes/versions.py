@@ -62,7 +62,7 @@ EXAMPLE = {
 
 @gates_router.post("/gates", **document_route(GateSummary, 201, body=GateReport, example=EXAMPLE))
 def record_gate(store: Stored, report: Annotated[GateReport, Depends(body_of(GateReport))]) -> Json:
-    """Store the report of a gate once; a closed gate also sends messages of webhooks."""
+    """Store the report of a gate once, and log its verdict."""
     check_report(report)
     made = store.gates.record(report)
     return Json(made, 201, {"Location": f"{PREFIX}/gates/{made.id}"})

@@ -304,7 +304,7 @@ def run_gate(
 
 
 def _record_verdict(client: Client, report: GateReport) -> None:
-    """Report the verdict to the service, for its pages, its event log and webhooks.
+    """Report the verdict to the service, for its pages and its event log.
 
     The verdict of this command is the same where the service does not take it.
     """

@@ -35,7 +35,6 @@ COMMANDS = {
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
-    "webhook": "Add, list, test and remove webhooks, to which events are sent.",
     "db": "Create, upgrade, verify, back up, restore and prune a database.",
     "doctor": "Check the installation, the service and the database.",
 }
@@ -50,6 +49,7 @@ PLUGINS = {
     "reproduce": "eigenfail-reproduction",
     "requirement": "eigenfail-assurance",
     "risk": "eigenfail-assurance",
+    "webhook": "eigenfail-webhooks",
 }
 """Commands that were once in the core, and the packages under plugins/ that bring them now."""
 

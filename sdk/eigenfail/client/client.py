@@ -21,7 +21,6 @@ from eigenfail.client.references import (
 )
 from eigenfail.client.suites import Suites
 from eigenfail.client.versions import Gates, Releases
-from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.values import access
 from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
@@ -70,7 +69,6 @@ class Client:
         self.gates = Gates(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)
-        self.webhooks = Webhooks(self._link)
 
     @property
     def url(self) -> str:

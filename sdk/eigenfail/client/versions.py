@@ -66,7 +66,7 @@ class Gates:
         return self._link.get(f"/gates/{number}", GateResult)
 
     def record(self, report: GateReport) -> GateSummary:
-        """Store the report of a gate; webhooks get a message if it is closed.
+        """Store the report of a gate, and log its verdict.
 
         `eigenfail gate` does so. A report that is sent again is stored once. One that is too large
         is stored as `shorten_report` returns it.

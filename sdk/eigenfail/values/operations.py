@@ -13,6 +13,8 @@ class Event(msgspec.Struct, frozen=True):
     Attributes:
         kind: campaign.created, campaign.state, campaign.progress, analysis.state, episode.alarm …
         message: one sentence for a person.
+        subject: id of the analysis or of the gate that it is about; null for other kinds.
+        state: new state of the campaign or the analysis; empty for other kinds.
     """
 
     id: int
@@ -20,6 +22,8 @@ class Event(msgspec.Struct, frozen=True):
     kind: str
     message: str
     campaign: int | None = None
+    subject: int | None = None
+    state: str = ""
 
 
 MOST_VERSIONS, LONGEST_NAME = 200, 300

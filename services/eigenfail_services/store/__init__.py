@@ -20,7 +20,6 @@ from eigenfail_services.store.query_cache import AnswerCache, CachedQueries, Fig
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
-from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
 
@@ -28,10 +27,14 @@ MEMORY = "memory://"
 
 
 class Store:
-    """All parts of the store on one database; safe to use from many threads."""
+    """All parts of the store on one database; safe to use from many threads.
+
+    Attributes:
+        database: transactions, for the tables of plug-ins.
+    """
 
     def __init__(self, database: Database) -> None:
-        self._database = database
+        self.database = database
         self.campaigns = CampaignStore(database)
         self.answers = AnswerCache()
         cached = CachedQueries(database, self.answers)
@@ -49,7 +52,6 @@ class Store:
         self.keys = KeyStore(database)
         self.audit = AuditLog(database)
         self.roster = Roster(database)
-        self.webhooks = WebhookStore(database)
         self.gates = GateStore(database)
 
     def ping(self) -> None:
@@ -58,11 +60,11 @@ class Store:
         Also if no writer gets its lock, or if a process, this one or another, could not write to
         it in the last five seconds. Nothing is written.
         """
-        self._database.probe()
+        self.database.probe()
 
     def close(self) -> None:
         """Close all connections."""
-        self._database.close()
+        self.database.close()
 
 
 def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Store:

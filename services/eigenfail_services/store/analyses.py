@@ -28,11 +28,10 @@ from eigenfail_services.store.codec import (
 )
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
-from eigenfail_services.store.events import append_event
+from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.listing import contains_text
-from eigenfail_services.store.outbox import queue_analysis_end
 from eigenfail_services.store.references import hold_noise
 from eigenfail_services.store.schema import (
     analyses,
@@ -283,15 +282,13 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         # finds a row.
         .where(analyses.c.id == analysis, analyses.c.state.in_(UNFINISHED))
         .values(**columns)
-        # The result is returned as well, because messages to webhooks list the modes.
+        # The result is returned as well, because the event says how many modes there are.
         .returning(*_WHOLE.columns)
     )
     after = _WHOLE.first(connection, statement)
     if after is None:
         _require_analysis(connection, analysis)
         return None
-    if after.state not in UNFINISHED:
-        queue_analysis_end(connection, after)
     _log(connection, after)
     return after
 
@@ -364,4 +361,5 @@ def _log(connection: Connection, analysis: Analysis) -> None:
     }
     phrase = f"Analysis {analysis.id} of campaign {analysis.campaign} {phrases[analysis.state]}."
     message = f"{phrase} {analysis.problem}".strip()
-    append_event(connection, "analysis.state", message, analysis.campaign)
+    subject = EventSubject(analysis.id, analysis.state)
+    append_event(connection, "analysis.state", message, analysis.campaign, subject)

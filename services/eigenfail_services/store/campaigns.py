@@ -39,7 +39,7 @@ from eigenfail_services.store.campaign_rows import (
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import append_event
+from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue, fence, withdraw
 from eigenfail_services.store.lifecycle import (
     MOVES,
@@ -51,7 +51,6 @@ from eigenfail_services.store.lifecycle import (
     set_priority,
 )
 from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
-from eigenfail_services.store.outbox import queue_campaign_end
 from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
@@ -355,9 +354,8 @@ def _move_campaign(
         enqueue(connection, JobKind.CAMPAIGN, campaign)
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
         withdraw(connection, JobKind.CAMPAIGN, campaign)
-    queue_campaign_end(connection, after)
     message = f"{name_campaign(after)} {PHRASES[after.state]}. {because}".strip()
-    append_event(connection, "campaign.state", message, campaign)
+    append_event(connection, "campaign.state", message, campaign, EventSubject(state=after.state))
     return after
 
 

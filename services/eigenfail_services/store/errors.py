@@ -58,13 +58,6 @@ def make_key_error(key: int) -> errors.NotFound:
     return errors.NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")
 
 
-def make_webhook_error(webhook: int) -> errors.NotFound:
-    """Return the error that no webhook has the id."""
-    return errors.NotFound(
-        f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them."
-    )
-
-
 def format_upgrade_command(address: str) -> str:
     """Return the command that makes or upgrades the schema of the database at an address."""
     return f"eigenfail db upgrade --database {quote(address)}"

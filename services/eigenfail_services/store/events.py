@@ -7,7 +7,9 @@ none waits for long, and no two wait for each other.
 """
 
 from collections.abc import Collection
+from typing import NamedTuple
 
+import msgspec
 from sqlalchemy import Connection, delete, insert, select, update
 
 from eigenfail.values.campaign import CampaignState
@@ -25,19 +27,29 @@ KEPT_EVENTS = 200_000
 PRUNED_EVERY = 1_000
 
 
+class EventSubject(NamedTuple):
+    """What an event is about, besides a campaign: see `Event`."""
+
+    id: int | None = None
+    state: str = ""
+
+
+NO_SUBJECT = EventSubject()
+
+
 def append_event(
-    connection: Connection, kind: str, message: str, campaign: int | None = None
+    connection: Connection,
+    kind: str,
+    message: str,
+    campaign: int | None = None,
+    subject: EventSubject = NO_SUBJECT,
 ) -> Event:
     """Log an event; this must be the last statement of a transaction."""
     number = connection.execute(
         update(event_counter).values(last=event_counter.c.last + 1).returning(event_counter.c.last)
     ).scalar_one()
-    event = Event(number, now_ms(), kind, message, campaign)
-    connection.execute(
-        insert(events).values(
-            id=event.id, at_ms=event.at_ms, kind=kind, message=message, campaign=campaign
-        )
-    )
+    event = Event(number, now_ms(), kind, message, campaign, subject.id, subject.state)
+    connection.execute(insert(events).values(**msgspec.structs.asdict(event)))
     if number % PRUNED_EVERY == 0:
         connection.execute(delete(events).where(events.c.id <= number - KEPT_EVENTS))
     return event
@@ -58,7 +70,11 @@ class EventLog:
             return append_event(connection, kind, message, campaign)
 
     def after(self, event: int, limit: int, campaign: int | None = None) -> list[Event]:
-        """Return events with ids above `event`, oldest first."""
+        """Return events with ids above `event`, oldest first.
+
+        Whoever keeps the id of the last event that it has read misses none of those that follow,
+        and reads them in order. See the top of this module.
+        """
         query = select(events).where(events.c.id > event).order_by(events.c.id).limit(limit)
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)

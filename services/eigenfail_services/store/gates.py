@@ -1,4 +1,4 @@
-"""Results of gates: each report once, with its event in the log and in the outbox."""
+"""Results of gates: each report once, with its event in the log."""
 
 import hashlib
 
@@ -11,12 +11,10 @@ from eigenfail.errors import NotFound
 from eigenfail.gate.report import GateReport, MemberReport
 from eigenfail.gate.results import GateResult, GateSummary, make_result, summarise_report
 from eigenfail.values.records import Page
-from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import append_event
-from eigenfail_services.store.outbox import queue_gate_failure
+from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.schema import gates
 
 _SUMMARIES = StructRows(gates, GateSummary, {"counts": msgspec.json.decode})
@@ -31,9 +29,9 @@ class GateStore:
         self._database = database
 
     def record(self, report: GateReport) -> GateSummary:
-        """Store a report, log its verdict, and tell webhooks of a gate that is closed.
+        """Store a report, and log its verdict.
 
-        A report that is stored already is returned as it is, and told once, also where the file of
+        A report that is stored already is returned as it is, and logged once, also if the file of
         the suite, the links or the matched modes differ.
         """
         try:
@@ -83,8 +81,8 @@ def _record_once(connection: Connection, report: GateReport) -> GateSummary:
         report=msgspec.json.encode(report).decode(),
     )
     (summary,) = _SUMMARIES.list(connection, statement.returning(*_SUMMARIES.columns))
-    queue_gate_failure(connection, summary.id, report)
-    append_event(connection, *_describe_verdict(report))
+    kind, message = _describe_verdict(report)
+    append_event(connection, kind, message, subject=EventSubject(summary.id))
     return summary
 
 
@@ -96,7 +94,7 @@ def _describe_verdict(report: GateReport) -> tuple[str, str]:
     verdict = "passed" if report.open else "did not pass"
     against = f"suite '{gate.suite}' against {gate.baseline}"
     message = f"Version {gate.version} {verdict} the gate of {against}."
-    return "gate.passed" if report.open else WebhookEvent.GATE_FAILED.value, message
+    return "gate.passed" if report.open else "gate.failed", message
 
 
 def _digest_judged(report: GateReport) -> str:

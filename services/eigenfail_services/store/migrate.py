@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqlalchemy import Connection, MetaData, Table, inspect, select
+from sqlalchemy import Connection, MetaData, Table, delete, insert, inspect, select
 from sqlalchemy.exc import ProgrammingError
 
 import eigenfail_services
-from eigenfail.errors import SchemaMismatch
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError, InvalidValue, SchemaMismatch
 from eigenfail_services.store.engine import (
     Backend,
     Database,
@@ -20,10 +23,93 @@ from eigenfail_services.store.engine import (
     translate_errors,
 )
 from eigenfail_services.store.errors import format_upgrade_command
-from eigenfail_services.store.schema import VERSION, VERSION_TABLE, metadata
+from eigenfail_services.store.schema import (
+    PLUGIN_PREFIX,
+    VERSION,
+    VERSION_TABLE,
+    metadata,
+    plugin_versions,
+)
 
 if TYPE_CHECKING:
     from alembic.config import Config
+
+log = logging.getLogger(__name__)
+
+
+def _keep_tables(_connection: Connection, _found: int) -> None:
+    """Change nothing: a first version has no older one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PluginTables:
+    """Tables of a plug-in, which an entry point of the group `eigenfail.tables` names.
+
+    Attributes:
+        metadata: the tables. Those of the plug-in `sheep` are called `plugin_sheep`, or begin with
+            `plugin_sheep_`.
+        version: rises by 1 with each release that changes the tables.
+        upgrade: changes the tables from an older version, which it is given, in the connection's
+            transaction. A database without the tables gets all that `metadata` has instead.
+    """
+
+    metadata: MetaData
+    version: int = 1
+    upgrade: Callable[[Connection, int], None] = _keep_tables
+
+
+def load_plugin_tables() -> dict[str, PluginTables]:
+    """Return the tables of the installed plug-ins by name; unusable ones are logged."""
+    found = {}
+    for name in plugins.names(plugins.TABLES):
+        try:
+            tables = plugins.load(plugins.TABLES, name)
+            _check_tables(name, tables)
+        except EigenfailError:
+            log.exception("The tables of the plug-in '%s' are left out. All else works.", name)
+        else:
+            found[name] = tables
+    return found
+
+
+def _check_tables(plugin: str, tables: object) -> None:
+    """Raise InvalidValue if a table may belong to the core or to another plug-in by its name."""
+    if not isinstance(tables, PluginTables):
+        problem = f"'{plugin}' is of the type {type(tables).__name__}, and must be PluginTables."
+        raise InvalidValue("table", problem, "Fix its package.")
+    own = f"{PLUGIN_PREFIX}{plugin}"
+    if strange := [name for name in tables.metadata.tables if not f"{name}_".startswith(f"{own}_")]:
+        problem = f"'{plugin}' has a table '{strange[0]}', whose name must begin with '{own}'."
+        raise InvalidValue("table", problem, "Fix its package.")
+
+
+def _upgrade_plugins(connection: Connection, wanted: Mapping[str, PluginTables]) -> None:
+    """Create or upgrade the tables of plug-ins.
+
+    Raises:
+        SchemaMismatch: a newer release of a plug-in has changed its tables.
+    """
+    versions = _read_plugin_versions(connection)
+    for name, tables in wanted.items():
+        found = versions.get(name, 0)
+        if found > tables.version:
+            raise SchemaMismatch(
+                f"The tables of the plug-in '{name}' are of version {found}, and the installed "
+                f"plug-in knows version {tables.version}.",
+                "Install the newer release of the plug-in, or uninstall it.",
+            )
+        if found == tables.version:
+            continue
+        if found:
+            tables.upgrade(connection, found)
+        else:
+            tables.metadata.create_all(connection, checkfirst=False)
+        connection.execute(delete(plugin_versions).where(plugin_versions.c.name == name))
+        connection.execute(insert(plugin_versions).values(name=name, version=tables.version))
+
+
+def _read_plugin_versions(connection: Connection) -> dict[str, int]:
+    return {row.name: row.version for row in connection.execute(select(plugin_versions))}
 
 
 def find_migrations() -> Path:
@@ -54,13 +140,21 @@ def find_version(connection: Connection) -> str | None:
 def ensure_newest(database: Database, backend: Backend, *, migrate: bool) -> None:
     """Bring the schema to the newest version, from none or an older one.
 
+    Args:
+        database: transactions on the database.
+        backend: backend of the same database.
+        migrate: whether the schema may be changed. If not, tables of plug-ins are not looked at:
+            a plug-in may have been installed while the service runs.
+
     Raises:
         SchemaMismatch: it is newer than this program, or may not be changed here.
     """
+    wanted = {name: each.version for name, each in load_plugin_tables().items()} if migrate else {}
     with database.reading() as connection:
         found = find_version(connection)
-    if found == VERSION:
-        return
+        is_newest = found == VERSION
+        if is_newest and wanted.items() <= _read_plugin_versions(connection).items():
+            return
     if not migrate:
         raise SchemaMismatch(
             f"The schema of {backend.label} is {found or 'empty'}, not {VERSION}.",
@@ -110,6 +204,7 @@ def upgrade_with(backend: Backend) -> None:
         # meanwhile.
         refuse_unknown(find_version(connection), backend.label)
         command.upgrade(alembic_config(connection), "head")
+        _upgrade_plugins(connection, load_plugin_tables())
 
 
 def alembic_config(connection: Connection | None = None) -> Config:

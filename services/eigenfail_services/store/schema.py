@@ -361,6 +361,8 @@ events = sa.Table(
     sa.Column("kind", Prose, nullable=False),
     sa.Column("message", Prose, nullable=False),
     sa.Column("campaign", Number),
+    sa.Column("subject", Number),
+    sa.Column("state", sa.Text, nullable=False),
     sa.Index(None, "campaign", "id"),
 )
 
@@ -443,42 +445,6 @@ audit = sa.Table(
 )
 
 
-# A webhook's secret signs what is sent to it: a digest of it could not.
-webhooks = sa.Table(
-    "webhooks",
-    metadata,
-    sa.Column("id", Number, primary_key=True),
-    sa.Column("url", sa.Text, nullable=False),
-    sa.Column("events", sa.Text, nullable=False),  # JSON
-    sa.Column("secret", sa.Text, nullable=False),
-    sa.Column("active", sa.Boolean, nullable=False),
-    sa.Column("created_ms", sa.BigInteger, nullable=False),
-    sqlite_autoincrement=True,
-)
-
-# The outbox: a row for each event and webhook, of the transaction that the event is about.
-webhook_deliveries = sa.Table(
-    "webhook_deliveries",
-    metadata,
-    sa.Column("id", Number, primary_key=True),
-    sa.Column("webhook", Number, sa.ForeignKey("webhooks.id"), nullable=False),
-    sa.Column("event", sa.Text, nullable=False),
-    sa.Column("kind", sa.Text, nullable=False),
-    sa.Column("payload", sa.Text, nullable=False),  # JSON, as it is sent
-    sa.Column("created_ms", sa.BigInteger, nullable=False),
-    sa.Column("state", sa.Text, nullable=False),
-    sa.Column("attempts", sa.Integer, nullable=False),
-    sa.Column("next_ms", sa.BigInteger, nullable=False),
-    sa.Column("status", sa.Integer),
-    sa.Column("problem", Prose, nullable=False),
-    sa.Column("token", sa.Text),
-    sa.Column("lease_until_ms", sa.BigInteger, nullable=False),  # by the clock of leases
-    sa.Column("lease_ms", sa.BigInteger, nullable=False),
-    sa.Index(None, "state", "next_ms"),
-    sa.Index(None, "webhook", "id"),
-    sqlite_autoincrement=True,
-)
-
 # Reports of gates, each once: `digest` is the SHA-256 of the report without file, links and modes
 # over releases.
 gates = sa.Table(
@@ -498,6 +464,23 @@ gates = sa.Table(
     sa.UniqueConstraint("digest"),
     sqlite_autoincrement=True,
 )
+
+
+# Plug-ins bring tables of their own. Here are the versions of these tables, by plug-in.
+plugin_versions = sa.Table(
+    "plugins",
+    metadata,
+    sa.Column("name", sa.Text, primary_key=True),
+    sa.Column("version", sa.Integer, nullable=False),
+)
+
+PLUGIN_PREFIX = "plugin_"
+"""The names of all tables of plug-ins begin like this, whether or not the plug-in is installed."""
+
+
+def is_own_table(name: str) -> bool:
+    """Return whether a table is eigenfail's, or that of a plug-in."""
+    return name in {*metadata.tables, VERSION_TABLE} or name.startswith(PLUGIN_PREFIX)
 
 
 class SpecFieldExpression(FunctionElement[str]):

@@ -16,8 +16,16 @@ from eigenfail.values.operations import Backup, Vacuumed
 from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import find_backend, read_kind
 from eigenfail_services.store.migrate import refuse_unknown
-from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata
+from eigenfail_services.store.schema import (
+    VERSION_TABLE,
+    event_counter,
+    is_own_table,
+    plugin_versions,
+)
 from eigenfail_services.store.sqlite import find_mode
+
+FILLED = {VERSION_TABLE, event_counter.name, plugin_versions.name}
+"""The tables that have rows in a new database."""
 
 
 def _explain_no_backup(file: Path, why: str) -> InvalidValue:
@@ -64,7 +72,7 @@ def _refuse_damage(connection: sqlite3.Connection) -> None:
 def _refuse_foreign_tables(path: Path, connection: sqlite3.Connection) -> None:
     """Raise Conflict if the database holds tables of other programs, which would be lost."""
     names = {name for (name,) in connection.execute(SELECT_TABLES)}
-    if strange := sorted(names - {*metadata.tables, VERSION_TABLE}):
+    if strange := sorted(name for name in names if not is_own_table(name)):
         raise Conflict(
             f"{path} has tables that are not eigenfail's: {', '.join(strange)}.",
             "Restore into a database of its own.",
@@ -73,10 +81,8 @@ def _refuse_foreign_tables(path: Path, connection: sqlite3.Connection) -> None:
 
 def _refuse_rows(path: Path, connection: sqlite3.Connection) -> None:
     """Raise Conflict if a table has a row."""
-    # The counter of events has its row from the first migration on.
-    names = metadata.tables.keys() - {event_counter.name}
-    found = {name for (name,) in connection.execute(SELECT_TABLES)} & names
-    if any(connection.execute(f'SELECT 1 FROM "{name}" LIMIT 1').fetchone() for name in found):  # noqa: S608 - names of ours
+    names = {name for (name,) in connection.execute(SELECT_TABLES)} - FILLED
+    if any(connection.execute(f'SELECT 1 FROM "{name}" LIMIT 1').fetchone() for name in names):  # noqa: S608 - of `SELECT_TABLES`
         raise Conflict(
             f"{path} is not empty.",
             "Restore into another one, or add --force: the contents of this one are then lost.",

@@ -148,11 +148,6 @@ ROUTES = {
         GET /api/v1/keys/{key}
         POST /api/v1/keys/{key}/quotas
         GET /api/v1/keys/{key}/usage
-        GET /api/v1/webhooks
-        POST /api/v1/webhooks
-        DELETE /api/v1/webhooks/{webhook}
-        GET /api/v1/webhooks/{webhook}
-        POST /api/v1/webhooks/{webhook}/test
     """,
 }
 LEAST = {

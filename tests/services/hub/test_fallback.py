@@ -114,7 +114,7 @@ class Stage:
         """One bit of each of the newest checkpoints turns over."""
         numbers, mine = checkpoints.c.number, checkpoints.c.campaign == self.campaign
         query = checkpoints.select().where(mine).order_by(numbers.desc()).limit(newest)
-        with self.store._database.writing() as connection:
+        with self.store.database.writing() as connection:
             for row in connection.execute(query).all():
                 bent = row.state[:-1] + bytes([row.state[-1] ^ 1])
                 change = update(checkpoints).where(mine, numbers == row.number).values(state=bent)

@@ -19,7 +19,7 @@ BEFORE, LAST = b"the one before", b"the last one"
 def spoil(store: Store, campaign: int, kept: bytes, **changes) -> None:
     """Change what is kept of a checkpoint behind the store's back."""
     mine = (checkpoints.c.campaign == campaign) & (checkpoints.c.state == kept)
-    with store._database.writing() as connection:
+    with store.database.writing() as connection:
         assert connection.execute(update(checkpoints).where(mine).values(**changes)).rowcount == 1
 
 
@@ -101,6 +101,6 @@ def test_without_one_that_is_whole_there_is_a_remedy(store: Store, states) -> No
 
 def test_two_are_kept(sql_store: Store) -> None:
     campaign = saved(sql_store, *(bytes([number]) for number in range(5)))
-    with sql_store._database.reading() as connection:
+    with sql_store.database.reading() as connection:
         rows = connection.execute(checkpoints.select().order_by(checkpoints.c.number)).all()
     assert [(row.campaign, row.state) for row in rows] == [(campaign, b"\x03"), (campaign, b"\x04")]

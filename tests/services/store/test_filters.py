@@ -30,7 +30,6 @@ from eigenfail_services.store import open_store
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.listing import page_queries
-from eigenfail_services.store.outbox import select_deliveries
 
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])
@@ -131,16 +130,6 @@ def test_the_newest_campaigns_are_read_without_sorting(sqlite_url):
 def test_campaigns_with_a_version_are_read_alone(sqlite_url):
     (steps,) = plans(sqlite_url, lambda it: CampaignStore(it).list_versioned(5))
     assert steps == ["SCAN campaigns USING INDEX ix_campaigns_versioned"]
-
-
-def test_last_deliveries_are_found_by_an_index(sqlite_url):
-    def ask(database):
-        with database.reading() as connection:
-            select_deliveries(connection, 1, 10)
-
-    (steps,) = plans(sqlite_url, ask)
-    index = "ix_webhook_deliveries_webhook_id"
-    assert steps == [f"SEARCH webhook_deliveries USING INDEX {index} (webhook=?)"]
 
 
 def plain(query):

@@ -105,7 +105,7 @@ def test_a_servers_clock_that_is_set_back_blocks_nothing(sql_store: Store) -> No
     running(sql_store)
     job = claimed(sql_store, LEASE_S)
     later = jobs.c.lease_until_ms + 1_000 * HOUR_S
-    with sql_store._database.writing() as connection:
+    with sql_store.database.writing() as connection:
         connection.execute(update(jobs).values(lease_until_ms=later))
     assert free(sql_store)
     assert sql_store.jobs.renew(job, LEASE_S)

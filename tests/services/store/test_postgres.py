@@ -16,7 +16,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import URL, make_url
 from store_checks.examples import deliver, running
-from store_checks.webhooks import LONG_S, add
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.examples import result, spec
@@ -24,9 +23,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignState
 from eigenfail_services.store import engine, events, open_store
 from eigenfail_services.store.campaign_rows import lock_campaign
-from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.store.outbox import claim_first
 from eigenfail_services.store.postgres import limit_statement
 
 CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}'"
@@ -282,7 +279,7 @@ def test_crowded_server_is_an_error_with_its_remedy_after_a_while(crowded_url, m
     monkeypatch.setattr(engine, "CROWDED_WAIT_S", 0.2)
     with closing(open_store(crowded_url, migrate=False)) as store:
         with ExitStack() as others:
-            store._database._reader.dispose()
+            store.database._reader.dispose()
             for _ in range(3):
                 others.enter_context(psycopg.connect(crowded_url))
             with pytest.raises(StoreUnavailable, match="max_connections"):
@@ -324,16 +321,3 @@ def test_other_programs_read_an_address_as_we_do(name, password, options) -> Non
         "dbname": name,
         "options": options,
     }
-
-
-def test_open_transactions_claim_deliveries_of_different_webhooks(store, database):
-    webhooks = [add(store) for _ in range(2)]
-    for webhook in webhooks * 2:
-        store.webhooks.test(webhook.id)
-    at_ms = now_ms() + 1
-    with database.writing() as first, database.writing() as second, database.writing() as third:
-        claimed = [claim_first(each, LONG_S, at_ms) for each in (first, second)]
-        assert [each.webhook for each in claimed] == [each.id for each in webhooks]
-        assert claim_first(third, LONG_S, at_ms) is None
-    with database.writing() as late:
-        assert claim_first(late, LONG_S, at_ms) is None

@@ -35,7 +35,6 @@ from store_checks import (
     safety,
     suites,
     triage,
-    webhooks,
 )
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
@@ -65,7 +64,6 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *priorities.CHECKS,
     *quotas.CHECKS,
     *roster.CHECKS,
-    *webhooks.CHECKS,
     *gates.CHECKS,
     *crowds.CHECKS,
 )

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends
 
+from eigenfail.values.access import Scope
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.rendering import NavigationEntry
 from eigenfail_api.extensions import Extension
@@ -42,5 +43,5 @@ extension = Extension(
     routers=(router, page.router),
     templates="eigenfail_assurance",
     navigation=(NavigationEntry("Risk", "/risk"),),
-    viewer_requests=(f"POST {PREFIX}/risk", "POST /risk"),
+    scopes={Scope.VIEWER: (f"POST {PREFIX}/risk", "POST /risk")},
 )

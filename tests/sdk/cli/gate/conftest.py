@@ -64,7 +64,7 @@ def made(tmp_path_factory, working_service):
         patch.setattr("eigenfail.client.link.sleep", lambda seconds: None)
         run = CliRunner().invoke(app, words, obj=surroundings)
     assert run.exit_code == 0, run.output
-    image = store._database._backend.image()
+    image = store.database._backend.image()
     store.close()
     return image, json.loads(run.stdout)
 

@@ -1,11 +1,9 @@
-"""A gate reports its verdict to the service, whose webhooks are told of one that is closed."""
+"""A gate reports its verdict to the service, which stores and logs it."""
 
 import json
 
 from eigenfail.client.versions import Gates
 from eigenfail.errors import Forbidden
-from eigenfail.values.webhooks import WebhookEvent, WebhookRequest
-from eigenfail_services.store.clock import now_ms
 
 
 def test_a_result_is_listed_shown_and_stored_once(gate, eigenfail, store):
@@ -22,21 +20,19 @@ def test_a_result_is_listed_shown_and_stored_once(gate, eigenfail, store):
     assert eigenfail("gate", "show", 99).exit_code == 2
 
 
-def test_a_closed_gate_is_told_and_an_open_one_is_logged(gate, store):
-    request = WebhookRequest("https://hooks.example/", (WebhookEvent.GATE_FAILED,))
-    webhook = store.webhooks.create(request, "whsec_AAAA")
+def test_open_and_closed_gates_are_logged_with_their_results(gate, store):
     assert gate("usual").exit_code == 0
     kind, message = store.events.latest(1)[0].kind, store.events.latest(1)[0].message
     assert kind == "gate.passed"
     assert message == "Version v2 passed the gate of suite 'trio' against v1."
-    assert store.webhooks.get(webhook.id).deliveries == ()
     assert gate("usual", "--strict").exit_code == 1
-    payload = json.loads(store.webhooks.outbox.claim(60.0, now_ms()).payload)
-    assert payload["type"] == "gate.failed"
-    assert payload["data"]["gate"] == store.gates.page(1).items[0].id
-    named = {name: payload["data"][name] for name in ("suite", "version", "run", "baseline")}
-    assert named == {"suite": "trio", "version": "v2", "run": "trio @ v2", "baseline": "v1"}
-    assert "is closed" in payload["data"]["conclusions"][0]
+    (newest,) = store.events.latest(1)
+    result = store.gates.get(newest.subject)
+    assert (newest.kind, result.id) == ("gate.failed", store.gates.page(1).items[0].id)
+    named = result.report.gate
+    found = (named.suite, named.version, named.run, named.baseline)
+    assert found == ("trio", "v2", "trio @ v2", "v1")
+    assert "is closed" in result.conclusions[0]
 
 
 def test_the_verdict_stands_where_the_service_does_not_take_it(gate, monkeypatch):

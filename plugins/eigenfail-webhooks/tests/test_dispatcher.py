@@ -18,14 +18,11 @@ import deadlines
 import pytest
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.signatures import make_secret, verify_message
-from eigenfail.values.webhooks import DeliveryState, WebhookRequest
 from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.outbox import ClaimedDelivery
-from eigenfail_services.webhooks import dispatcher
-from eigenfail_services.webhooks.addresses import parse_networks
-from eigenfail_services.webhooks.dispatcher import (
+from eigenfail_webhooks import dispatcher
+from eigenfail_webhooks.addresses import parse_networks
+from eigenfail_webhooks.dispatcher import (
     MAX_ATTEMPTS,
     WebhookDispatcher,
     find_retry_s,
@@ -33,16 +30,13 @@ from eigenfail_services.webhooks.dispatcher import (
     judge_status,
     send_delivery,
 )
+from eigenfail_webhooks.outbox import ClaimedDelivery, Outbox
+from eigenfail_webhooks.signatures import make_secret, verify_message
+from eigenfail_webhooks.store import WebhookStore
+from eigenfail_webhooks.values import DeliveryState, WebhookRequest
 
 HOUR_S = 3_600.0
 LOOPBACK = parse_networks("127.0.0.0/8,::1")
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 class Receiver(ThreadingHTTPServer):
@@ -93,10 +87,10 @@ def receiving(answer) -> Iterator[Receiver]:
 def take_turn(store, url, allowed=LOOPBACK):
     """The secret of a webhook, and the webhook after one turn with a test delivery."""
     secret = make_secret()
-    webhook = store.webhooks.create(WebhookRequest(url), secret)
-    store.webhooks.test(webhook.id)
+    webhook = WebhookStore(store.database).create(WebhookRequest(url), secret)
+    WebhookStore(store.database).test(webhook.id)
     WebhookDispatcher(store, allowed).turn()
-    return secret, store.webhooks.get(webhook.id)
+    return secret, WebhookStore(store.database).get(webhook.id)
 
 
 def attempt(store, url, allowed=LOOPBACK):
@@ -192,7 +186,7 @@ def test_an_address_that_is_gone_is_told_nothing_more(store):
 
 
 def test_an_answer_to_a_lost_claim_deactivates_nothing(store, monkeypatch):
-    monkeypatch.setattr(store.webhooks.outbox, "conclude", lambda *_: False)
+    monkeypatch.setattr(Outbox, "conclude", lambda *_: False)
     with receiving(answering(410)) as receiver:
         _, webhook = take_turn(store, f"http://127.0.0.1:{receiver.server_port}/")
     assert (len(receiver.received), webhook.deliveries[0].state) == (1, "pending")
@@ -275,15 +269,15 @@ def test_one_that_answers_slowly_holds_up_no_other(store, monkeypatch):
 
     with receiving(wait) as slow, receiving(reach) as quick:
         made = [
-            store.webhooks.create(
+            WebhookStore(store.database).create(
                 WebhookRequest(f"http://127.0.0.1:{each.server_port}/"), make_secret()
             )
             for each in (slow, quick)
         ]
         for webhook in made:
-            store.webhooks.test(webhook.id)
+            WebhookStore(store.database).test(webhook.id)
         WebhookDispatcher(store, LOOPBACK).turn()
-    states = [store.webhooks.get(each.id).deliveries[0].state for each in made]
+    states = [WebhookStore(store.database).get(each.id).deliveries[0].state for each in made]
     assert states == ["delivered", "delivered"]
 
 
@@ -298,19 +292,20 @@ def send_beside_hanging(store, hanging, good):
     """Return how long the good one's event took, beside events for hanging ones [s]."""
     hooks = [*hanging, good]
     secret = make_secret()
-    made = [store.webhooks.create(WebhookRequest(url), secret) for url in hooks]
+    made = [WebhookStore(store.database).create(WebhookRequest(url), secret) for url in hooks]
     for webhook in made:
-        store.webhooks.test(webhook.id)
-    sending = WebhookDispatcher(store, LOOPBACK)
-    began_s = monotonic()
+        WebhookStore(store.database).test(webhook.id)
+    began_s, stopping = monotonic(), Event()
+    sending = Thread(target=WebhookDispatcher(store, LOOPBACK, stopping).run)
     sending.start()
     try:
-        while store.webhooks.get(made[-1].id).deliveries[0].state == "pending":
+        while WebhookStore(store.database).get(made[-1].id).deliveries[0].state == "pending":
             assert monotonic() - began_s < deadlines.PROCESS_S
             sleep(0.02)
         return monotonic() - began_s
     finally:
-        sending.stop()
+        stopping.set()
+        sending.join()
 
 
 def test_receivers_that_hang_do_not_delay_a_good_one(store):
@@ -344,7 +339,7 @@ def test_names_that_no_server_resolves_do_not_delay_a_good_one(store, monkeypatc
 def take_turns(store) -> None:
     """Turns of a dispatcher until nothing is due."""
     sending = WebhookDispatcher(store, LOOPBACK)
-    while store.webhooks.outbox.has_due(now_ms()):
+    while WebhookStore(store.database).outbox.has_due(now_ms()):
         sending.turn()
 
 
@@ -355,9 +350,9 @@ def test_two_services_send_each_event_once(postgres_url):
     with receiving(answering(204)) as receiver:
         url = f"http://127.0.0.1:{receiver.server_port}/"
         for _ in range(6):
-            webhook = stores[0].webhooks.create(WebhookRequest(url), make_secret())
+            webhook = WebhookStore(stores[0].database).create(WebhookRequest(url), make_secret())
             for _ in range(4):
-                stores[0].webhooks.test(webhook.id)
+                WebhookStore(stores[0].database).test(webhook.id)
         with ThreadPoolExecutor(2) as pool:
             list(pool.map(take_turns, stores))
     for store in stores:
@@ -367,29 +362,28 @@ def test_two_services_send_each_event_once(postgres_url):
     assert {*sent.values()} == {1}
 
 
-def test_the_thread_outlives_a_database_that_is_away(store, monkeypatch):
+def test_turns_go_on_after_a_database_that_was_away(store, monkeypatch):
     monkeypatch.setattr(dispatcher, "RETRY_S", 0.01)
     monkeypatch.setattr(dispatcher, "TURN_S", 0.01)
-    answers, reached = iter([StoreUnavailable("It is away.", "Wait."), ValueError()]), Event()
+    answers, stopping = iter([StoreUnavailable("It is away.", "Wait.")] * 2), Event()
 
     def claim(*_):
         for error in answers:
             raise error
-        reached.set()
+        stopping.set()
 
-    monkeypatch.setattr(store.webhooks.outbox, "has_due", lambda _at_ms: True)
-    monkeypatch.setattr(store.webhooks.outbox, "claim", claim)
-    sending = WebhookDispatcher(store, ())
-    sending.start()
-    assert reached.wait(deadlines.PROCESS_S)
-    sending.stop()
+    sending = WebhookDispatcher(store, (), stopping)
+    monkeypatch.setattr(Outbox, "has_due", lambda *_: True)
+    monkeypatch.setattr(Outbox, "claim", claim)
+    sending.run()
+    assert next(answers, None) is None
 
 
 def test_a_secret_that_was_damaged_fails_its_own_delivery(store):
-    webhook = store.webhooks.create(WebhookRequest("http://127.0.0.1:9/"), "damaged!")
-    store.webhooks.test(webhook.id)
+    webhook = WebhookStore(store.database).create(WebhookRequest("http://127.0.0.1:9/"), "damaged!")
+    WebhookStore(store.database).test(webhook.id)
     WebhookDispatcher(store, LOOPBACK).turn()
-    (found,) = store.webhooks.get(webhook.id).deliveries
+    (found,) = WebhookStore(store.database).get(webhook.id).deliveries
     assert (found.state, found.attempts) == ("pending", 1)
     assert "damaged" not in found.problem
 

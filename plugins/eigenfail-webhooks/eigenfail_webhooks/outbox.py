@@ -1,119 +1,51 @@
-"""The outbox: events for webhooks, written in the transaction of their cause.
+"""The outbox: messages to webhooks, each a delivery that is claimed, attempted and concluded.
 
-A delivery is a row of the same transaction as the change of state that it reports: both are there
-or neither is. It is claimed for as long as one attempt may take; after a crash in between, another
-process delivers it again, under the same event id.
+Deliveries are queued in the transaction that moves the webhooks' places in the event log forward:
+after a crash, both were done or neither was. A delivery is claimed for as long as one attempt may
+take; after a crash in between, another process delivers it again, under the same event id.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from itertools import islice
 from typing import Any, NamedTuple
 from uuid import uuid4
 
 import sqlalchemy as sa
 
-from eigenfail.gate.report import GateReport, list_conclusions
-from eigenfail.values.analysis import Analysis
-from eigenfail.values.campaign import FINAL_STATES, Campaign
-from eigenfail.values.webhooks import (
-    TEST_EVENT,
-    DeliveryState,
-    WebhookDelivery,
-    WebhookEvent,
-)
 from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.schema import webhook_deliveries, webhooks
+from eigenfail_webhooks.tables import deliveries, webhooks
+from eigenfail_webhooks.values import TEST_EVENT, DeliveryState, WebhookDelivery, WebhookEvent
 
 KEPT_DELIVERIES = 20_000
 """Ended deliveries that are kept at least; older ones are deleted."""
 
 PRUNED_EVERY = 1_000
 
-MOST_SENTENCES, LONGEST_SENTENCE = 20, 500
-"""Most conclusions of a gate in a message, and most characters of each."""
-
-_out = webhook_deliveries.c
+_out = deliveries.c
 
 
-def queue_campaign_end(connection: sa.Connection, campaign: Campaign) -> None:
-    """Queue `campaign.ended` for a campaign in a final state; nothing for any other."""
-    if campaign.state not in FINAL_STATES:
-        return
-    spec, counts = campaign.spec, campaign.counts
-    data = {
-        "campaign": campaign.id,
-        "name": spec.name,
-        "state": campaign.state.value,
-        "method": spec.method,
-        "planner": spec.planner,
-        "planned": counts.planned,
-        "completed": counts.completed,
-        "failures": counts.failures,
-        "errored": counts.errored,
-        "cancelled": counts.cancelled,
-        "reason": campaign.stopped_because,
-    }
-    queue_event(connection, WebhookEvent.CAMPAIGN_ENDED, data)
+class EventMessage(NamedTuple):
+    """A message on an event of the core's log.
 
-
-def queue_analysis_end(connection: sa.Connection, analysis: Analysis) -> None:
-    """Queue `analysis.finished`, with the failure modes of an analysis that is done."""
-    found = () if analysis.result is None else analysis.result.list_modes(analysis.id)
-    data = {
-        "analysis": analysis.id,
-        "campaign": analysis.campaign,
-        "state": analysis.state.value,
-        "problem": analysis.problem,
-        "modes": [
-            {"number": mode.number, "name": mode.name, "failures": mode.failures} for mode in found
-        ],
-    }
-    queue_event(connection, WebhookEvent.ANALYSIS_FINISHED, data)
-
-
-def queue_gate_failure(connection: sa.Connection, number: int, report: GateReport) -> None:
-    """Queue `gate.failed` for a gate that is closed; nothing for an open one or a baseline.
-
-    Args:
-        connection: the transaction that stores the report.
-        number: id of the result.
-        report: the report.
+    Attributes:
+        number: id of the event in the log.
+        at_ms: when it occurred, in milliseconds since 1970.
+        kind: kind of the message.
+        data: what the message says.
     """
-    if report.open or not report.gate.baseline:
-        return
-    sentences = islice(list_conclusions(report), MOST_SENTENCES)
-    data = {
-        "gate": number,
-        "suite": report.gate.suite,
-        "version": report.gate.version,
-        "run": report.gate.run,
-        "baseline": report.gate.baseline,
-        "conclusions": [each[:LONGEST_SENTENCE] for each in sentences],
-    }
-    queue_event(connection, WebhookEvent.GATE_FAILED, data)
 
-
-def queue_event(connection: sa.Connection, kind: WebhookEvent, data: Mapping[str, Any]) -> None:
-    """Queue an event for each active webhook of its kind."""
-    # Until the transaction ends, none of them can be deleted.
-    query = (
-        sa.select(webhooks.c.id, webhooks.c.events)
-        .where(webhooks.c.active)
-        .order_by(webhooks.c.id)
-        .with_for_update(read=True, key_share=True)
-    )
-    told = [row.id for row in connection.execute(query) if kind.value in json.loads(row.events)]
-    if told:
-        _insert_deliveries(connection, told, kind.value, data)
+    number: int
+    at_ms: int
+    kind: WebhookEvent
+    data: Mapping[str, Any]
 
 
 def _insert_deliveries(
-    connection: sa.Connection, told: list[int], kind: str, data: Mapping[str, Any]
+    connection: sa.Connection, told: list[int], kind: str, data: Mapping[str, Any], at_ms: int
 ) -> list[WebhookDelivery]:
-    at_ms, event = now_ms(), f"evt_{uuid4().hex}"
+    event = f"evt_{uuid4().hex}"
     at = datetime.fromtimestamp(at_ms / 1_000, UTC).isoformat(timespec="milliseconds")
     # Escapes of ASCII take any text, half characters included.
     payload = json.dumps({"type": kind, "timestamp": at, "data": dict(data)})
@@ -131,12 +63,12 @@ def _insert_deliveries(
     }
     made = []
     for webhook in told:
-        statement = sa.insert(webhook_deliveries).values(webhook=webhook, **common)
+        statement = sa.insert(deliveries).values(webhook=webhook, **common)
         made.append(_to_delivery(connection.execute(statement.returning(*_SHOWN)).one()))
     if any(each.id % PRUNED_EVERY == 0 for each in made):
         ended = _out.state != DeliveryState.PENDING.value
         oldest = made[-1].id - KEPT_DELIVERIES
-        connection.execute(sa.delete(webhook_deliveries).where(ended, _out.id <= oldest))
+        connection.execute(sa.delete(deliveries).where(ended, _out.id <= oldest))
     return made
 
 
@@ -198,7 +130,45 @@ class Outbox:
             found = connection.execute(lock.with_for_update(read=True, key_share=True)).first()
             if found is None:
                 return None
-            return _insert_deliveries(connection, [webhook], TEST_EVENT, {"webhook": webhook})[0]
+            data = {"webhook": webhook}
+            return _insert_deliveries(connection, [webhook], TEST_EVENT, data, now_ms())[0]
+
+    def find_place(self) -> int | None:
+        """Return the id of the last event that all active webhooks have had; None without any."""
+        query = sa.select(sa.func.min(webhooks.c.read_through)).where(webhooks.c.active)
+        with self._database.reading() as connection:
+            place: int | None = connection.execute(query).scalar_one()
+        return place
+
+    def queue(self, messages: Sequence[EventMessage], through: int) -> None:
+        """Queue messages for the active webhooks that want them and have not had them.
+
+        Args:
+            messages: messages in the order of the events.
+            through: id of the last event that was looked at.
+        """
+        # The lock makes other processes wait that read the same events. They then find that the
+        # webhooks have had them.
+        query = (
+            sa.select(webhooks.c.id, webhooks.c.events, webhooks.c.read_through)
+            .where(webhooks.c.active)
+            .order_by(webhooks.c.id)
+            .with_for_update(key_share=True)
+        )
+        with self._database.writing() as connection:
+            found = connection.execute(query).all()
+            kinds = {row.id: json.loads(row.events) for row in found}
+            for message in messages:
+                told = [
+                    row.id
+                    for row in found
+                    if row.read_through < message.number and message.kind.value in kinds[row.id]
+                ]
+                if told:
+                    kind, data, at_ms = message.kind.value, message.data, message.at_ms
+                    _insert_deliveries(connection, told, kind, data, at_ms)
+            behind = webhooks.c.active, webhooks.c.read_through < through
+            connection.execute(sa.update(webhooks).where(*behind).values(read_through=through))
 
     def has_due(self, at_ms: int) -> bool:
         """Return whether a delivery may be attempted now, or is being attempted."""
@@ -221,7 +191,7 @@ class Outbox:
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
         """Record the outcome of an attempt, or nothing and return False if the claim was lost."""
         statement = (
-            sa.update(webhook_deliveries)
+            sa.update(deliveries)
             .where(_out.id == claimed.id, _out.token == claimed.token)
             .values(
                 state=attempt.state.value,
@@ -245,7 +215,7 @@ class Outbox:
         return is_held
 
 
-_JOINED = webhook_deliveries.join(webhooks, webhooks.c.id == _out.webhook)
+_JOINED = deliveries.join(webhooks, webhooks.c.id == _out.webhook)
 
 
 def _is_due(at_ms: int) -> tuple[sa.ColumnElement[bool], ...]:
@@ -273,7 +243,7 @@ def claim_first(connection: sa.Connection, lease_s: float, at_ms: int) -> Claime
     # a claim of another of its deliveries. The next turn does not find that webhook any more.
     while (target := connection.execute(_select_webhook(at_ms)).one_or_none()) is not None:
         statement = (
-            sa.update(webhook_deliveries)
+            sa.update(deliveries)
             .where(_out.id == _select_first(target.id, at_ms).scalar_subquery())
             .values(token=uuid4().hex, attempts=_out.attempts + 1, **lease)
             .returning(*claimed)
@@ -294,7 +264,7 @@ def claim_first(connection: sa.Connection, lease_s: float, at_ms: int) -> Claime
 
 
 def _is_idle() -> sa.ColumnElement[bool]:
-    other = webhook_deliveries.alias().c
+    other = deliveries.alias().c
     pending = DeliveryState.PENDING.value
     return _out.webhook.not_in(
         sa.select(other.webhook).where(other.state == pending, _is_leased(other))
@@ -323,7 +293,7 @@ def _select_first(webhook: int, at_ms: int) -> sa.Select[int]:
         .where(_out.webhook == webhook, *_is_due(at_ms), _is_idle())
         .order_by(_out.next_ms, _out.id)
         .limit(1)
-        .with_for_update(of=webhook_deliveries, skip_locked=True)
+        .with_for_update(of=deliveries, skip_locked=True)
     )
 
 

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.signatures import make_secret, sign_message, verify_message
 from eigenfail.values.access import redact
-from eigenfail.values.webhooks import NewWebhook, Webhook
+from eigenfail_webhooks.signatures import make_secret, sign_message, verify_message
+from eigenfail_webhooks.values import NewWebhook, Webhook
 
 # The example of the specification's reference libraries.
 SECRET = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"

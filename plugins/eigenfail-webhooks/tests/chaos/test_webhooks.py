@@ -14,16 +14,18 @@ from sqlalchemy import text
 from stage import Stage
 from started import Services, wait_until
 
-from eigenfail.signatures import make_secret, verify_message
 from eigenfail.values.campaign import CampaignState
-from eigenfail.values.webhooks import WebhookEvent, WebhookRequest
 from eigenfail_services.store import open_store
+from eigenfail_webhooks.addresses import VARIABLE
+from eigenfail_webhooks.signatures import make_secret, verify_message
+from eigenfail_webhooks.store import WebhookStore
+from eigenfail_webhooks.values import WebhookEvent, WebhookRequest
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
-OPEN = text("SELECT count(*) FROM webhook_deliveries WHERE state = 'pending'")
-QUEUED = text("SELECT count(*) FROM webhook_deliveries")
-OUR_NETWORK = ("--webhook-networks", "127.0.0.0/8")
+OPEN = text("SELECT count(*) FROM plugin_webhooks_deliveries WHERE state = 'pending'")
+QUEUED = text("SELECT count(*) FROM plugin_webhooks_deliveries")
+ENDED = text("SELECT count(*) FROM campaigns WHERE state = 'done'")
 
 
 class Receiver(ThreadingHTTPServer):
@@ -71,7 +73,7 @@ def receiver() -> Iterator[Receiver]:
 def let_claims_run_out(stage: Stage) -> None:
     """As if the services had been away for longer than a claim holds."""
     with closing(sqlite3.connect(stage.url.removeprefix("sqlite:///"))) as connection, connection:
-        connection.execute("UPDATE webhook_deliveries SET lease_until_ms = 0, lease_ms = 0")
+        connection.execute("UPDATE plugin_webhooks_deliveries SET lease_until_ms = 0, lease_ms = 0")
 
 
 @pytest.mark.fault("SIGKILL of the services")
@@ -81,29 +83,35 @@ def let_claims_run_out(stage: Stage) -> None:
     outcome="The event was committed with the end of the campaign. The next services deliver it, "
     "under the same event id; one that was being sent is sent again after 45 s.",
 )
-def test_no_event_is_lost_and_each_has_one_id(stage: Stage, receiver: Receiver) -> None:
+def test_no_event_is_lost_and_each_has_one_id(
+    stage: Stage, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, "127.0.0.0/8")
     secret, store = make_secret(), open_store(stage.url)
     url = f"http://127.0.0.1:{receiver.server_port}/hook"
-    store.webhooks.create(WebhookRequest(url, (WebhookEvent.CAMPAIGN_ENDED,)), secret)
+    WebhookStore(store.database).create(WebhookRequest(url, (WebhookEvent.CAMPAIGN_ENDED,)), secret)
     stage.worker()
     campaigns = []
-    # Before the delivery, as a rule: each time as soon as an end is committed.
-    for ends in (1, 2):
+    # Before the delivery, as a rule: as soon as an end is committed, then as soon as a message is.
+    for ends, question in ((1, ENDED), (2, QUEUED)):
         campaigns.append(stage.create(method="monte_carlo", episodes=20))
-        services = stage.services(None, *OUR_NETWORK)
-        wait_until(lambda n=ends: stage.ask(QUEUED) >= n, f"{ends} campaigns have ended")
+        services = stage.services()
+        wait_until(lambda n=ends, q=question: stage.ask(q) >= n, f"{ends} campaigns have ended")
         services.kill()
         let_claims_run_out(stage)
     # During the delivery: the sender is killed by who receives its message.
     campaigns.append(stage.create(method="monte_carlo", episodes=20))
-    services = receiver.victim = stage.services(None, *OUR_NETWORK)
+    services = receiver.victim = stage.services()
     wait_until(lambda: not services.alive, "a message was sent, and its sender was killed")
     receiver.victim = None
     let_claims_run_out(stage)
     assert stage.ask(OPEN) > 0
-    services = stage.services(None, *OUR_NETWORK)
+    services = stage.services()
     stage.finish(*campaigns)
-    wait_until(lambda: not stage.ask(OPEN), "everything is delivered")
+    wait_until(
+        lambda: stage.ask(QUEUED) == len(campaigns) and not stage.ask(OPEN),
+        "everything is delivered",
+    )
     assert services.end() == 0
     ids: dict[int, set[str]] = {campaign: set() for campaign in campaigns}
     sent = Counter[str]()

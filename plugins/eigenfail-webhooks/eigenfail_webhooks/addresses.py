@@ -6,7 +6,6 @@ is judged at each attempt, and the connection is made to this address: a name th
 more could lead to another one (DNS rebinding).
 """
 
-import argparse
 import ipaddress
 import os
 import socket
@@ -14,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from urllib.parse import urlsplit
 
+import structlog
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
@@ -47,30 +47,34 @@ FIRST_USER_PORT = 1024
 """First port for events except 80 and 443: lower ports are of other protocols, such as mail."""
 
 
+log = structlog.get_logger()
+
+
 class AddressRefused(Exception):
     """No address of a host is one to which events may be sent."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the option, with the environment behind it."""
-    parser.add_argument(
-        "--webhook-networks",
-        type=parse_networks,
-        default=os.environ.get(VARIABLE, ""),
-        help="private networks to which webhooks may lead, such as 10.1.0.0/16,192.168.2.7",
-    )
+def read_networks() -> tuple[IpNetwork, ...]:
+    """Return the private networks that the environment allows.
+
+    If the list cannot be read, the log says so, and no private network is allowed.
+    """
+    try:
+        return parse_networks(os.environ.get(VARIABLE, ""))
+    except ValueError as error:
+        remedy = "Give networks such as 10.1.0.0/16,192.168.2.7, and restart the services."
+        problem = f"{VARIABLE}: {error}. {remedy}"
+        log.warning("no private network is allowed", problem=problem)
+        return ()
 
 
 def parse_networks(text: str) -> tuple[IpNetwork, ...]:
     """Return the networks of a list with commas in between; none of an empty text.
 
     Raises:
-        ArgumentTypeError: something in it is not a network.
+        ValueError: something in it is not a network.
     """
-    try:
-        return tuple(ipaddress.ip_network(part.strip()) for part in text.split(",") if part.strip())
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{error}; give networks such as 10.1.0.0/16") from None
+    return tuple(ipaddress.ip_network(part.strip()) for part in text.split(",") if part.strip())
 
 
 def check_url(url: str) -> None:

@@ -1,4 +1,4 @@
-"""The dispatcher: sends due deliveries to their webhooks, and tries those again that fail.
+"""The dispatcher: queues messages on new events, sends them, and tries those again that fail.
 
 Each process of the services has one; they share the deliveries by claiming them. A process that is
 killed during an attempt leaves a claim that runs out, and the event is sent again, under its id:
@@ -9,7 +9,7 @@ import ssl
 from collections.abc import Sequence
 from functools import partial
 from http import HTTPStatus
-from threading import Event, Thread
+from threading import Event
 
 import anyio
 import structlog
@@ -17,12 +17,18 @@ from anyio.to_thread import run_sync
 
 from eigenfail import __version__
 from eigenfail.errors import EigenfailError
-from eigenfail.signatures import ID_HEADER, SIGNATURE_HEADER, TIMESTAMP_HEADER, sign_message
-from eigenfail.values.webhooks import MAX_WEBHOOKS, DeliveryState
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.outbox import ClaimedDelivery, DeliveryAttempt
-from eigenfail_services.webhooks.addresses import AddressRefused, IpNetwork, resolve_host
+from eigenfail_webhooks.addresses import AddressRefused, IpNetwork, read_networks, resolve_host
+from eigenfail_webhooks.messages import queue_messages
+from eigenfail_webhooks.outbox import ClaimedDelivery, DeliveryAttempt, Outbox
+from eigenfail_webhooks.signatures import (
+    ID_HEADER,
+    SIGNATURE_HEADER,
+    TIMESTAMP_HEADER,
+    sign_message,
+)
+from eigenfail_webhooks.values import MAX_WEBHOOKS, DeliveryState
 
 TURN_S = 0.5
 PAUSE_S = 0.1
@@ -35,8 +41,6 @@ ATTEMPT_S = 15.0
 
 LEASE_S = 45.0
 """Longer than an attempt and its record in the database, so that a living process keeps it."""
-
-STOP_S = 3.0
 
 FIRST_RETRY_S = 5.0
 RETRY_FACTOR = 4
@@ -138,57 +142,56 @@ async def send_delivery(
         return judge_failure(f"The request failed: {reason}.", claimed.attempt)
 
 
+def run(store: Store, stopping: Event) -> None:
+    """Send messages until the event is set: a task of the services."""
+    WebhookDispatcher(store, read_networks(), stopping).run()
+
+
 class WebhookDispatcher:
-    """Sends due deliveries, in a separate thread.
+    """Queues and sends messages.
 
     Args:
-        store: store of the deliveries.
+        store: store of the events and of the deliveries.
         allowed: networks that webhooks may lead to although they are not public.
+        stopping: once it is set, attempts that are under way break off. They are made again after
+            the next start.
     """
 
-    def __init__(self, store: Store, allowed: Sequence[IpNetwork]) -> None:
+    def __init__(
+        self, store: Store, allowed: Sequence[IpNetwork], stopping: Event | None = None
+    ) -> None:
         self._store = store
+        self._outbox = Outbox(store.database)
         self._allowed = allowed
-        self._stopping = Event()
+        self._stopping = stopping or Event()
         self._in_flight = 0
-        self._thread = Thread(target=self._run, name="webhooks", daemon=True)
 
-    def start(self) -> None:
-        """Begin to send."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Break off attempts that are under way; they are made again after the next start."""
-        self._stopping.set()
-        if self._thread.is_alive():
-            self._thread.join(STOP_S)
-
-    def turn(self) -> None:
-        """Send all due deliveries that no other process is sending.
-
-        Raises:
-            StoreUnavailable: the database does not answer.
-        """
-        if self._store.webhooks.outbox.has_due(now_ms()):
-            anyio.run(self._send_due)
-
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Take turns until `stopping` is set."""
         while not self._stopping.wait(TURN_S):
-            # The thread goes on, whatever one turn meets.
             try:
                 self.turn()
             except* EigenfailError as errors:
                 log.warning("webhooks wait for the database", problem=str(errors.exceptions[0]))
                 self._stopping.wait(RETRY_S)
-            except* Exception:
-                log.exception("a turn of the webhooks broke off")
-                self._stopping.wait(RETRY_S)
+
+    def turn(self) -> None:
+        """Queue messages on new events, and send all due ones that no other process is sending.
+
+        Raises:
+            StoreUnavailable: the database does not answer.
+        """
+        self._queue()
+        if self._outbox.has_due(now_ms()):
+            anyio.run(self._send_due)
 
     async def _send_due(self) -> None:
         # The context reads the certificates of the machine, which takes tens of milliseconds.
         tls = await run_sync(ssl.create_default_context)
         async with anyio.create_task_group() as group:
             while not self._stopping.is_set():
+                # Here, too: one that answers slowly must not hold up new events for others.
+                await run_sync(self._queue)
                 while self._in_flight < SLOTS and (claimed := await run_sync(self._claim)):
                     self._in_flight += 1
                     group.start_soon(self._attempt, claimed, tls)
@@ -197,8 +200,11 @@ class WebhookDispatcher:
                 await anyio.sleep(PAUSE_S)
             group.cancel_scope.cancel()
 
+    def _queue(self) -> None:
+        queue_messages(self._store, self._outbox)
+
     def _claim(self) -> ClaimedDelivery | None:
-        return self._store.webhooks.outbox.claim(LEASE_S, now_ms())
+        return self._outbox.claim(LEASE_S, now_ms())
 
     async def _attempt(self, claimed: ClaimedDelivery, tls: ssl.SSLContext) -> None:
         try:
@@ -216,7 +222,7 @@ class WebhookDispatcher:
         if outcome.problem:
             log.warning("webhook failed", problem=outcome.problem, **named)
         try:
-            self._store.webhooks.outbox.conclude(claimed, outcome, now_ms())
+            self._outbox.conclude(claimed, outcome, now_ms())
         except EigenfailError as error:
             # The claim runs out, and the event is sent again.
             log.warning("webhook outcome not recorded", problem=str(error), **named)

@@ -4,16 +4,17 @@ import json
 
 import pytest
 
-from eigenfail.cli import webhook as commands
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.webhooks.dispatcher import judge_status
+from eigenfail_webhooks import commands
+from eigenfail_webhooks.dispatcher import judge_status
+from eigenfail_webhooks.store import WebhookStore
 
 URL = "https://hooks.example/eigenfail"
 
 
 def answer(store, status):
     """Conclude the next delivery as if the receiver had answered with a status."""
-    outbox = store.webhooks.outbox
+    outbox = WebhookStore(store.database).outbox
     claimed = outbox.claim(60.0, now_ms())
     outbox.conclude(claimed, judge_status(status, claimed.attempt), now_ms())
 

@@ -6,9 +6,14 @@ from typing import Any
 from msgspec.structs import replace
 from sqlalchemy import Connection, RowMapping, delete, func, insert, select
 
-from eigenfail.errors import Conflict
+from eigenfail.errors import Conflict, NotFound
 from eigenfail.values.records import Page
-from eigenfail.values.webhooks import (
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.schema import event_counter
+from eigenfail_webhooks.outbox import Outbox, select_deliveries
+from eigenfail_webhooks.tables import deliveries, webhooks
+from eigenfail_webhooks.values import (
     LAST_DELIVERIES,
     MAX_WEBHOOKS,
     Webhook,
@@ -16,14 +21,9 @@ from eigenfail.values.webhooks import (
     WebhookEvent,
     WebhookRequest,
 )
-from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.engine import Database
-from eigenfail_services.store.errors import make_webhook_error
-from eigenfail_services.store.outbox import Outbox, select_deliveries
-from eigenfail_services.store.schema import webhook_deliveries, webhooks
 
 # Only a claimed delivery needs the secret: what lists do not read cannot leak from them.
-_SHOWN = tuple(column for column in webhooks.c if column is not webhooks.c.secret)
+_SHOWN = tuple(webhooks.c[name] for name in Webhook.__struct_fields__ if name in webhooks.c)
 
 
 class WebhookStore:
@@ -49,6 +49,8 @@ class WebhookStore:
             secret=secret,
             active=True,
             created_ms=now_ms(),
+            # Events of before its creation are not sent to a webhook.
+            read_through=select(event_counter.c.last).scalar_subquery(),
         )
         with self._database.writing() as connection:
             count = connection.execute(select(func.count()).select_from(webhooks)).scalar_one()
@@ -69,7 +71,7 @@ class WebhookStore:
             query = select(*_SHOWN).where(webhooks.c.id == webhook)
             found = connection.execute(query).mappings().one_or_none()
             if found is None:
-                raise make_webhook_error(webhook)
+                raise _make_error(webhook)
             return _add_deliveries(connection, _to_webhook(found))
 
     def page(self, limit: int, before: int | None = None) -> Page[Webhook]:
@@ -93,13 +95,12 @@ class WebhookStore:
         place = webhooks.c.id == webhook
         with self._database.writing() as connection:
             # Everyone locks the webhook before its deliveries, so that no two transactions wait for
-            # each other. An event that is queued meanwhile waits.
+            # each other. A message that is queued meanwhile waits.
             query = select(*_SHOWN).where(place).with_for_update()
             found = connection.execute(query).mappings().one_or_none()
             if found is None:
-                raise make_webhook_error(webhook)
-            theirs = webhook_deliveries.c.webhook == webhook
-            connection.execute(delete(webhook_deliveries).where(theirs))
+                raise _make_error(webhook)
+            connection.execute(delete(deliveries).where(deliveries.c.webhook == webhook))
             connection.execute(delete(webhooks).where(place))
         return _to_webhook(found)
 
@@ -111,8 +112,12 @@ class WebhookStore:
         """
         queued = self.outbox.queue_test(webhook)
         if queued is None:
-            raise make_webhook_error(webhook)
+            raise _make_error(webhook)
         return queued
+
+
+def _make_error(webhook: int) -> NotFound:
+    return NotFound(f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them.")
 
 
 def _to_webhook(found: RowMapping) -> Webhook:

@@ -1,6 +1,5 @@
 """Where events may be sent: public addresses alone, whatever they are written like."""
 
-import argparse
 import socket
 from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
 
@@ -8,14 +7,17 @@ import anyio
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from structlog.testing import capture_logs
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.webhooks.addresses import (
+from eigenfail_webhooks.addresses import (
+    VARIABLE,
     AddressRefused,
     check_url,
     is_allowed,
     is_public,
     parse_networks,
+    read_networks,
     resolve_host,
 )
 
@@ -70,7 +72,7 @@ def test_networks_are_read_from_a_list():
     assert [str(each) for each in OWN] == ["10.1.0.0/16", "192.168.2.7/32", "fd00:1::/32"]
     assert parse_networks(" , ") == ()
     for wrong in ("10.1.0.1/16", "localhost", "10.0.0.0/33"):
-        with pytest.raises(argparse.ArgumentTypeError):
+        with pytest.raises(ValueError, match=r"host bits|IPv4"):
             parse_networks(wrong)
 
 
@@ -123,3 +125,16 @@ def test_a_name_without_addresses_is_refused():
 def test_what_is_no_url_of_a_host_is_refused(url):
     with pytest.raises(InvalidValue):
         check_url(url)
+
+
+@pytest.mark.parametrize("wrong", ["10.1.0.1/16", "10.1.0.0/16,everything"])
+def test_networks_that_cannot_be_read_allow_nothing_and_are_logged(monkeypatch, wrong):
+    monkeypatch.setenv(VARIABLE, "10.1.0.0/16,192.168.2.7")
+    assert len(read_networks()) == 2
+    monkeypatch.setenv(VARIABLE, wrong)
+    with capture_logs() as logged:
+        assert read_networks() == ()
+    (line,) = logged
+    assert VARIABLE in line["problem"]
+    monkeypatch.delenv(VARIABLE)
+    assert read_networks() == ()

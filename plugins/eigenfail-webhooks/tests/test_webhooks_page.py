@@ -13,14 +13,11 @@ import httpx2
 import pytest
 from typer.main import get_command
 
-from eigenfail.cli.webhook import app
-from eigenfail.signatures import make_secret, sign_message
-from eigenfail.values.webhooks import EVERY_EVENT, MAX_WEBHOOKS, WebhookRequest
 from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.outbox import KEPT_DELIVERIES
-from eigenfail_services.webhooks.addresses import parse_networks
-from eigenfail_services.webhooks.dispatcher import (
+from eigenfail_webhooks.addresses import parse_networks
+from eigenfail_webhooks.commands import app
+from eigenfail_webhooks.dispatcher import (
     ATTEMPT_S,
     LEASE_S,
     MAX_ATTEMPTS,
@@ -28,11 +25,15 @@ from eigenfail_services.webhooks.dispatcher import (
     find_retry_s,
     send_delivery,
 )
+from eigenfail_webhooks.outbox import KEPT_DELIVERIES
+from eigenfail_webhooks.signatures import make_secret, sign_message
+from eigenfail_webhooks.store import WebhookStore
+from eigenfail_webhooks.values import EVERY_EVENT, MAX_WEBHOOKS, WebhookRequest
 
 
 @pytest.fixture(scope="module")
-def text(root):
-    return (root / "docs" / "webhooks.md").read_text()
+def text(plugin):
+    return (plugin / "docs" / "webhooks.md").read_text()
 
 
 def test_every_event_is_described(text):
@@ -61,13 +62,13 @@ def test_every_command_of_the_page_exists(text):
 
 
 @pytest.fixture
-def receiver(root):
+def receiver(plugin):
     """The secret, the address and the process of the receiver of examples/."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     secret = make_secret()
     process = subprocess.Popen(
-        [sys.executable, root / "examples" / "webhook_receiver.py", str(port)],
+        [sys.executable, plugin / "examples" / "webhook_receiver.py", str(port)],
         env={"WEBHOOK_SECRET": secret, "PATH": ""},
         stdout=subprocess.PIPE,
         text=True,
@@ -83,16 +84,16 @@ def test_the_receiver_takes_what_is_genuine_once(receiver):
     secret, address, http, process = receiver
     assert http.post(address, content=b"{}").status_code == 400
     store = open_store("memory://")
-    webhook = store.webhooks.create(WebhookRequest(address), secret)
+    webhook = WebhookStore(store.database).create(WebhookRequest(address), secret)
     networks = parse_networks("127.0.0.0/8")
     dispatcher = WebhookDispatcher(store, networks)
-    store.webhooks.test(webhook.id)
+    WebhookStore(store.database).test(webhook.id)
     # The services were killed before they wrote that the message had arrived.
-    lost = store.webhooks.outbox.claim(0.0, now_ms())
+    lost = WebhookStore(store.database).outbox.claim(0.0, now_ms())
     anyio.run(send_delivery, lost, networks, ssl.create_default_context())
-    store.webhooks.test(webhook.id)
+    WebhookStore(store.database).test(webhook.id)
     dispatcher.turn()
-    states = [each.state for each in store.webhooks.get(webhook.id).deliveries]
+    states = [each.state for each in WebhookStore(store.database).get(webhook.id).deliveries]
     store.close()
     assert states == ["delivered"] * 2
     at_s = now_ms() // 1_000

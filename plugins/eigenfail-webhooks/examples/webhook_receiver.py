@@ -9,7 +9,7 @@ import sys
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 from eigenfail.errors import InvalidValue
-from eigenfail.signatures import ID_HEADER, verify_message
+from eigenfail_webhooks.signatures import ID_HEADER, verify_message
 
 LARGEST_BYTES = 1_000_000
 SECRET = os.environ["WEBHOOK_SECRET"]

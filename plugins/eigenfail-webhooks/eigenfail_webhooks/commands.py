@@ -1,4 +1,4 @@
-"""`eigenfail webhook`: add, list, test and remove webhooks."""
+"""`eigenfail webhook`: add, list, test and remove webhooks, to which events are sent."""
 
 from collections.abc import Iterable, Sequence
 from typing import Annotated
@@ -16,7 +16,8 @@ from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.figures import UNKNOWN, format_utc
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.values import webhooks
+from eigenfail_webhooks import values
+from eigenfail_webhooks.client import Webhooks
 
 POLL_S = 0.3
 WAIT_S = 30.0
@@ -34,7 +35,7 @@ Address = Annotated[
     str, typer.Argument(metavar="URL", help="Address to which events are sent, https or http.")
 ]
 Events = Annotated[
-    list[webhooks.WebhookEvent] | None,
+    list[values.WebhookEvent] | None,
     typer.Option(
         "--event", metavar="EVENT", help="Kind of event to send; may be repeated. [default: all]"
     ),
@@ -51,7 +52,7 @@ def add(
 ) -> None:
     """Add a webhook and print its secret. It is shown only once."""
     with connect_to(context, url) as client:
-        made = client.webhooks.create(address, event or webhooks.EVERY_EVENT)
+        made = Webhooks(client).create(address, event or values.EVERY_EVENT)
     typer.echo(to_json(made) if as_json else _describe_new_webhook(made))
 
 
@@ -59,7 +60,7 @@ def add(
 def list_webhooks(context: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
     """List webhooks with their last deliveries, newest first, without their secrets."""
     with connect_to(context, url) as client:
-        found = tuple(client.webhooks.list())
+        found = tuple(Webhooks(client).list())
     show(found, as_json, lambda: _draw_webhooks(found))
 
 
@@ -69,7 +70,7 @@ def remove(
 ) -> None:
     """Remove a webhook, with its secret and its deliveries."""
     with connect_to(context, url) as client:
-        found = client.webhooks.delete(webhook)
+        found = Webhooks(client).delete(webhook)
     typer.echo(to_json(found) if as_json else f"Webhook {found.id} to {found.url} was removed.")
 
 
@@ -82,26 +83,26 @@ def send_test(
     Exits with 3 if the attempt failed. It is repeated like any delivery.
     """
     with connect_to(context, url) as client:
-        queued = client.webhooks.test(webhook)
+        queued = Webhooks(client).test(webhook)
 
-        def look() -> webhooks.WebhookDelivery:
-            found = client.webhooks.get(webhook).deliveries
+        def look() -> values.WebhookDelivery:
+            found = Webhooks(client).get(webhook).deliveries
             return next((each for each in found if each.id == queued.id), queued)
 
         found = wait_until(look, _is_attempted, POLL_S, WAIT_S)
     show(found, as_json, lambda: _draw_deliveries([(webhook, found)]))
-    if found.state is not webhooks.DeliveryState.DELIVERED:
+    if found.state is not values.DeliveryState.DELIVERED:
         raise ServiceError(
             f"The test event was not delivered. {found.problem}",
             "`eigenfail webhook list` shows further attempts.",
         )
 
 
-def _is_attempted(delivery: webhooks.WebhookDelivery) -> bool:
-    return delivery.state is not webhooks.DeliveryState.PENDING or bool(delivery.problem)
+def _is_attempted(delivery: values.WebhookDelivery) -> bool:
+    return delivery.state is not values.DeliveryState.PENDING or bool(delivery.problem)
 
 
-def _describe_new_webhook(made: webhooks.NewWebhook) -> str:
+def _describe_new_webhook(made: values.NewWebhook) -> str:
     webhook = made.webhook
     return (
         f"Webhook {webhook.id} to {webhook.url}, for {', '.join(webhook.events)}.\n"
@@ -110,7 +111,7 @@ def _describe_new_webhook(made: webhooks.NewWebhook) -> str:
     )
 
 
-def _draw_webhooks(found: Sequence[webhooks.Webhook]) -> Group:
+def _draw_webhooks(found: Sequence[values.Webhook]) -> Group:
     """A row for each webhook, and below one for each of the last deliveries; times in UTC."""
     grid = start_grid("id", "url", "events", "state", "created", right=("id",))
     for webhook in found:
@@ -121,12 +122,12 @@ def _draw_webhooks(found: Sequence[webhooks.Webhook]) -> Group:
     return Group(grid, _draw_deliveries(sent)) if sent else Group(grid)
 
 
-def _draw_deliveries(found: Iterable[tuple[int, webhooks.WebhookDelivery]]) -> Table:
+def _draw_deliveries(found: Iterable[tuple[int, values.WebhookDelivery]]) -> Table:
     """A row for each delivery of a webhook, given by its id."""
     names = ("webhook", "event", "when", "state", "attempts", "status", "next attempt", "error")
     grid = start_grid(*names, right=("webhook", "attempts", "status"))
     for webhook, each in found:
-        is_pending = each.state is webhooks.DeliveryState.PENDING
+        is_pending = each.state is values.DeliveryState.PENDING
         cells = (
             each.kind,
             format_utc(each.created_ms),

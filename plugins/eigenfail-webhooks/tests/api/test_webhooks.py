@@ -3,7 +3,10 @@
 import pytest
 
 from eigenfail.values.campaign import CampaignState
-from eigenfail.values.webhooks import MAX_WEBHOOKS
+from eigenfail_webhooks.messages import queue_messages
+from eigenfail_webhooks.outbox import Outbox
+from eigenfail_webhooks.store import WebhookStore
+from eigenfail_webhooks.values import MAX_WEBHOOKS
 
 URL = "https://hooks.example/eigenfail"
 WEBHOOKS = "/api/v1/webhooks"
@@ -60,7 +63,7 @@ def test_neither_logs_nor_the_audit_log_hold_the_secret(http, made, store, caplo
 def test_wrong_webhooks_are_refused_by_the_name_of_the_field(http, problem, store, body, field):
     told = problem(http.post(WEBHOOKS, json=body), 422)
     assert told.get("field", told.get("name")) == field
-    assert store.webhooks.page(10).items == ()
+    assert WebhookStore(store.database).page(10).items == ()
 
 
 def test_there_is_a_bound(http, problem):
@@ -73,6 +76,7 @@ def test_there_is_a_bound(http, problem):
 def test_webhook_shows_its_last_deliveries(http, made, store, campaign):
     place = made.headers["Location"]
     store.campaigns.move(campaign, CampaignState.CANCELLED)
+    queue_messages(store, Outbox(store.database))
     queued = http.post(f"{place}/test")
     assert (queued.status_code, queued.headers["Location"]) == (202, place)
     shown = http.get(place).json()
@@ -80,3 +84,23 @@ def test_webhook_shows_its_last_deliveries(http, made, store, campaign):
     assert [each["kind"] for each in shown["deliveries"]] == ["webhook.test", "campaign.ended"]
     assert {each["state"] for each in shown["deliveries"]} == {"pending"}
     assert http.get(WEBHOOKS).json()["items"] == [shown]
+
+
+@pytest.mark.parametrize("wanted", ['"nonsense"', "nonsense", '"a", "b"'])
+def test_an_outdated_deletion_is_refused(http, made, problem, wanted):
+    place = made.headers["Location"]
+    etag = http.get(place).headers["etag"]
+    problem(http.delete(place, headers={"If-Match": wanted}), 412)
+    problem(http.delete(f"{WEBHOOKS}/99", headers={"If-Match": etag}), 404)
+    assert http.delete(place, headers={"If-Match": f'"other", {etag}'}).is_success
+
+
+def test_an_address_with_a_hidden_character_is_refused(http, problem):
+    hidden = "https://hooks.example/\u202e"
+    assert problem(http.post(WEBHOOKS, json={"url": hidden}), 422)["field"] == "url"
+
+
+@pytest.mark.parametrize("number", ["x", "-1", "1.5", "0x1", str(2**63), "9" * 5000, "%00", "<b>"])
+def test_what_is_no_id_is_refused(http, problem, number):
+    for verb in ("GET", "DELETE"):
+        problem(http.request(verb, f"{WEBHOOKS}/{number}"), 422)
