@@ -15,7 +15,7 @@ from eigenfail.presentation.figures import UNKNOWN, format_number
 from eigenfail.values.episode import Outcome
 from eigenfail.values.scene import Scene
 from eigenfail_api.concurrency import ConcurrencyLimit
-from eigenfail_api.dashboard.charts import Chart, round_rows
+from eigenfail_api.dashboard.charts import Chart, list_rows, round_rows
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.scene import CONVENTIONAL_LANE_M
 from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
@@ -72,18 +72,20 @@ def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> Chart:
         caption=f"From above. {first[0].upper()}{first[1:]} is opaque, the other failures are"
         " translucent.",
         data=data,
-        columns=(
-            "Time before the end [s]",
-            "Failures under way",
-            "Ego speed, median [m/s]",
-            "Smallest [m/s]",
-            "Largest [m/s]",
-            "Distance, median [m]",
-            "Smallest [m]",
-            "Largest [m]",
+        table=list_rows(
+            (
+                "Time before the end [s]",
+                "Failures under way",
+                "Ego speed, median [m/s]",
+                "Smallest [m/s]",
+                "Largest [m/s]",
+                "Distance, median [m]",
+                "Smallest [m]",
+                "Largest [m]",
+            ),
+            _iterate_rows(failures, recordings.scenes[0].dt_s),
+            "Speed of the ego and distance to the nearest vehicle, by time before the end.",
         ),
-        cells=tuple(_iterate_rows(failures, recordings.scenes[0].dt_s)),
-        note="Speed of the ego and distance to the nearest vehicle, by time before the end.",
     )
 
 

@@ -1,6 +1,6 @@
 """The scene of an episode over time, a clip of it, and the planner's account."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil, floor, log10, nan
 from typing import NamedTuple
 
@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 
 from eigenfail.explanations import NotableMoment, find_moments
-from eigenfail.presentation.figures import (
-    format_number,
-)
+from eigenfail.presentation.figures import format_number
+from eigenfail.presentation.tables import Table
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
@@ -74,13 +73,13 @@ def make_noise_chart(
             },
         }
 
-    def tabulate(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[charts.Row]]:
+    def tabulate(ways: Sequence[int]) -> Table:
         names = [channels[way].capitalize() for way in ways]
         columns = [f"{name} {kind}" for kind in ("[sigma]", unit) for name in names]
         values = (standardised[:, ways], noise.injected[:, ways], noise.log_probability_per_step)
         steps = zip(times, *values, strict=True)
         rows = ((at, *map(float, (*u, *a, log_p))) for at, u, a, log_p in steps)
-        return (axis, *columns, "log p"), rows
+        return charts.list_rows((axis, *columns, "log p"), rows)
 
     title = "Noise on the perceived position" if is_position else "Noise"
     caption = (
@@ -164,10 +163,12 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
                     float(value) if np.isfinite(value) else None for value in values
                 ),
             },
-            columns=("Time [s]", f"{title} [{unit}]"),
-            cells=tuple(
-                (format_number(dt_s * step), format_number(float(value), 4))
-                for step, value in enumerate(values)
+            table=charts.list_rows(
+                ("Time [s]", f"{title} [{unit}]"),
+                (
+                    (format_number(dt_s * step), format_number(float(value), 4))
+                    for step, value in enumerate(values)
+                ),
             ),
         )
         for (name, caption), (title, unit, values, scale) in zip(
@@ -179,6 +180,20 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
 def find_nearest_moment(scene: Scene) -> float:
     """Return the time at which the ego was nearest to another vehicle [s]."""
     return float(measure_clearances(scene).min(axis=1).argmin()) * scene.dt_s
+
+
+SCENE_COLUMNS = (
+    "Time [s]",
+    "Ego x [m]",
+    "Ego y [m]",
+    "Ego speed [m/s]",
+    "Actor x [m]",
+    "Actor y [m]",
+    "Seen at x [m]",
+    "Seen at y [m]",
+    "Acceleration [m/s²]",
+    "Distance [m]",
+)
 
 
 def make_scene_chart(
@@ -204,22 +219,11 @@ def make_scene_chart(
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
             **_list_optional_values(scene),
         },
-        columns=(
-            "Time [s]",
-            "Ego x [m]",
-            "Ego y [m]",
-            "Ego speed [m/s]",
-            "Actor x [m]",
-            "Actor y [m]",
-            "Seen at x [m]",
-            "Seen at y [m]",
-            "Acceleration [m/s²]",
-            "Distance [m]",
+        table=charts.list_rows(
+            SCENE_COLUMNS,
+            (make_scene_row(scene, step, actor, apart) for step, actor in enumerate(nearest)),
+            "The scene by step.",
         ),
-        cells=tuple(
-            make_scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
-        ),
-        note="The scene by step.",
     )
 
 

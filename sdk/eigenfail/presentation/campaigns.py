@@ -1,7 +1,7 @@
 """Tables of campaigns: specification, results, severity and cost."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from msgspec import UnsetType
 
@@ -37,13 +37,16 @@ PROBABILITY = tables.TableColumn("P(failure) [95 %]")
 """A column that tables have where a campaign has an estimate."""
 
 RESULTS = (
-    *tables.count_columns("Episodes", "Failures"),
-    RATE,
-    LIKELIHOOD,
-    SEVERITY,
-    tables.TableColumn("Episodes/s"),
-    COST,
+    tables.read_number("Episodes", "counts.completed"),
+    tables.read_number("Failures", "counts.failures"),
+    tables.Reading(RATE, "failure_rate"),
+    tables.Reading(LIKELIHOOD, "log_probability_per_step"),
+    tables.Reading(SEVERITY, "mean_severity"),
+    tables.Reading(COST, "cost"),
 )
+"""What tables show of the summary of a campaign."""
+SPEED = tables.read_number("Episodes/s", "episodes_per_s")
+WITH_SPEED = (*RESULTS[:-1], SPEED, RESULTS[-1])
 PARTS_OF_TIME = {
     "simulation_s": "simulation",
     "startup_s": "start-up",
@@ -57,36 +60,22 @@ SEARCHES = (
 )
 STEPS_OF_COST = 10
 """Number of rows of the table of failures by cost."""
-
-
-def list_results(summary: Summary) -> tuple[tables.Cell, ...]:
-    """Return the cells of a campaign in the columns `RESULTS`."""
-    return (
-        summary.counts.completed,
-        summary.counts.failures,
-        summary.failure_rate,
-        summary.log_probability_per_step,
-        summary.mean_severity,
-        summary.episodes_per_s,
-        summary.cost,
-    )
+ROUNDING = 1e-9
+"""Relative error of amounts that were divided and multiplied again."""
 
 
 def tabulate_results(summaries: Iterable[Summary]) -> tables.Table:
     """Return what campaigns found and what it cost, one a row, with remarks on their rates."""
     found = list(summaries)
-    last = PROBABILITY if any(summary.estimate for summary in found) else None
-    return tables.Table(
+    last = [tables.Reading(PROBABILITY, "estimate")] if any(each.estimate for each in found) else []
+    return tables.tabulate(
         "Results",
-        (ID, tables.TableColumn("Method", is_figure=False), *RESULTS, *([last] if last else [])),
-        tuple(
-            (
-                str(each.campaign),
-                each.method,
-                *list_results(each),
-                *([each.estimate] if last else []),
-            )
-            for each in found
+        found,
+        (
+            tables.Reading(ID, lambda each: str(each.campaign)),
+            tables.read_text("Method", "method"),
+            *WITH_SPEED,
+            *last,
         ),
         note_results(found),
     )
@@ -133,25 +122,31 @@ def _format_progress(campaign: Campaign) -> str:
 
 def list_campaign_facts(campaign: Campaign) -> tables.FactTable:
     """Return the specification of a campaign, and its progress."""
-    spec, counts = campaign.spec, campaign.counts
+    spec, counts, archived_ms = campaign.spec, campaign.counts, campaign.archived_ms
+    parameters, limits = in_words(spec.scenario_parameters), spec.stop.given()
+    stops = f"; stops at {_join_settings(limits)}" if limits else ""
+    trained, archived = (
+        campaign.trained_episodes,
+        f"{format_local_time(archived_ms)}: lists omit it",
+    )
     rows = [
         ("campaign", f"{campaign.id}: {spec.name}"),
         ("state", " ".join(filter(None, (campaign.state_word, campaign.stopped_because)))),
         ("method", f"{spec.method} {spec.settings or ''}"),
-        ("scenario", " ".join((spec.scenario, _format_parameters(spec)))),
+        ("scenario", " ".join((spec.scenario, _join_settings(parameters)))),
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         *list_labels(spec),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
         *describe_requirements(spec).items(),
-        ("budget", f"{format_count(spec.episodes)} episodes{_format_stop_rules(spec)}"),
+        ("budget", f"{format_count(spec.episodes)} episodes{stops}"),
         ("priority", spec.priority),
         ("episodes", ", ".join(_list_ended(campaign))),
         ("failures", format_count(counts.failures)),
         *_list_estimate(campaign.estimate),
-        *_list_training(campaign),
+        *([("trained with", f"{format_count(trained)} episodes")] if trained is not None else []),
         ("created", format_local_time(campaign.created_ms)),
-        *_list_archive(campaign),
+        *([("archived", archived)] if archived_ms is not None else []),
         ("active", f"{format_number(campaign.active_s)} s"),
         ("digest", campaign.digest or UNKNOWN),
         *(("versions", sentence) for sentence in describe_mixed(campaign)),
@@ -169,14 +164,8 @@ def list_labels(spec: CampaignSpec) -> Iterator[tuple[str, str]]:
     return ((name, text) for name, text in given.items() if text)
 
 
-def _list_archive(campaign: Campaign) -> Iterator[tuple[str, str]]:
-    if campaign.archived_ms is not None:
-        yield "archived", f"{format_local_time(campaign.archived_ms)}: lists omit it"
-
-
-def _format_parameters(spec: CampaignSpec) -> str:
-    parameters = in_words(spec.scenario_parameters)
-    return ", ".join(f"{name} = {value}" for name, value in parameters.items())
+def _join_settings(settings: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in settings.items())
 
 
 def _list_estimate(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
@@ -189,16 +178,6 @@ def _list_estimate(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
     yield "P(failure)", f"{known}, {estimate.by}{certainty}"
     if remark := estimate.problem or estimate.note:
         yield "", remark
-
-
-def _list_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
-    if campaign.trained_episodes is not None:
-        yield "trained with", f"{format_count(campaign.trained_episodes)} episodes"
-
-
-def _format_stop_rules(spec: CampaignSpec) -> str:
-    limits = [f"{name} = {limit}" for name, limit in spec.stop.given().items()]
-    return f"; stops at {', '.join(limits)}" if limits else ""
 
 
 def _list_ended(campaign: Campaign) -> Iterator[str]:
@@ -270,23 +249,20 @@ def tabulate_course(course: Course, unit: str = "m") -> tuple[tables.Block, ...]
         course: blocks of its episodes.
         unit: unit of robustness; empty for a function.
     """
-    robustness = tables.TableColumn("Median robustness", unit)
-    counts = tables.count_columns("Completed", "Failures")
-    columns = (*tables.name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
-    rows = tuple(
-        (
-            f"{block.first}–{block.last}",
-            block.failure_rate.n,
-            block.failure_rate.k,
-            block.failure_rate,
-            block.log_probability_per_step,
-            block.median_robustness_m,
-        )
-        for block in course.blocks
+    readings = (
+        tables.read_text("Episodes", lambda block: f"{block.first}–{block.last}"),
+        tables.read_number("Completed", "failure_rate.n"),
+        tables.read_number("Failures", "failure_rate.k"),
+        tables.Reading(RATE, "failure_rate"),
+        tables.Reading(LIKELIHOOD, "log_probability_per_step"),
+        tables.read_number("Median robustness", "median_robustness_m", unit),
     )
-    heading = f"{course.heading} of campaign {course.campaign} ({course.method})"
     searched = any(not block.failure_rate.sampled for block in course.blocks)
-    return (heading, tables.Table(course.heading, columns, rows, (SEARCHES,) if searched else ()))
+    notes = (SEARCHES,) if searched else ()
+    return (
+        f"{course.heading} of campaign {course.campaign} ({course.method})",
+        tables.tabulate(course.heading, course.blocks, readings, notes),
+    )
 
 
 def tabulate_safety_measures(found: Safety) -> tables.Table:
@@ -432,23 +408,37 @@ def _list_time(found: CampaignCost) -> Iterator[tables.Cell]:
         yield getattr(time, name) / time.active_s if time.active_s else None
 
 
+def list_amounts(found: Iterable[CampaignCost]) -> list[float]:
+    """Return even amounts [USD] up to the cost of the most expensive campaign."""
+    # All campaigns share the amounts, so that what each found by one of them can be compared.
+    most = max((each.cost.total_usd for each in found), default=0.0)
+    return [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)] if most else []
+
+
+def find_purchase(found: CampaignCost, spent_usd: float) -> CostPoint | None:
+    """Return what a campaign had found by an amount; None once nothing more was spent."""
+    # The last amount is a campaign's total itself, up to the rounding of a division.
+    if spent_usd > found.cost.total_usd * (1.0 + ROUNDING):
+        return None
+    usd = [point.usd for point in found.curve]
+    return found.curve[max(bisect_right(usd, spent_usd * (1.0 + ROUNDING)) - 1, 0)]
+
+
 def _tabulate_purchases(found: Sequence[CampaignCost]) -> tables.Table:
-    most = max(each.cost.total_usd for each in found)
-    amounts = [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)]
     names = (tables.TableColumn(f"{each.campaign} {each.method}") for each in found)
     return tables.Table(
         "Failures by cost",
         (tables.TableColumn("USD", "USD"), *names),
-        tuple((spent, *(_describe_purchase(each, spent) for each in found)) for spent in amounts),
+        tuple(
+            (spent, *(_describe_purchase(find_purchase(each, spent)) for each in found))
+            for spent in list_amounts(found)
+        ),
     )
 
 
-def _describe_purchase(found: CampaignCost, spent: float) -> str:
-    """Return failures and modes by an amount; a dash once nothing more was spent."""
-    curve = found.curve
-    if spent > found.cost.total_usd * (1.0 + 1e-9):
+def _describe_purchase(point: CostPoint | None) -> str:
+    if point is None:
         return UNKNOWN
-    point: CostPoint = curve[max(bisect_right([each.usd for each in curve], spent) - 1, 0)]
     modes = "" if point.modes is None else f" ({point.modes} modes)"
     return f"{format_count(point.failures)} failures{modes}"
 
@@ -587,18 +577,14 @@ def tabulate_workers(
 
 def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> tables.Table:
     """Return the results of campaigns that are compared, one a row."""
-    rows = tuple(
+    by_id = {campaign.id: campaign for campaign in campaigns}
+    return tables.tabulate(
+        "Figures",
+        summaries,
         (
-            f"{campaign.id}: {campaign.spec.name}",
-            campaign.state_word,
-            *list_results(summary),
-            summary.cost.total_usd,
-        )
-        for campaign, summary in zip(campaigns, summaries, strict=True)
+            tables.read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
+            tables.read_text("State", lambda each: by_id[each.campaign].state_word),
+            *WITH_SPEED,
+            tables.read_number("Spent", "cost.total_usd", "USD"),
+        ),
     )
-    columns = (
-        *tables.name_columns("Campaign", "State"),
-        *RESULTS,
-        tables.TableColumn("Spent", "USD"),
-    )
-    return tables.Table("Figures", columns, rows)

@@ -9,7 +9,6 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import singledispatch
 from itertools import chain, starmap
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 from eigenfail.presentation import figures
@@ -137,9 +136,17 @@ def tabulate(
 ) -> Table:
     """Return a table with a row for each value; a field of a field is named with a dot."""
     listed = tuple(readings)
-    readers = [attrgetter(read) if isinstance(read, str) else read for _, read in listed]
-    cells = tuple(tuple(read(row) for read in readers) for row in rows)
+    cells = tuple(tuple(_read_cell(row, each.read) for each in listed) for row in rows)
     return Table(title, tuple(each.column for each in listed), cells, notes)
+
+
+def _read_cell(row: Any, read: str | Callable[[Any], Cell]) -> Any:
+    if not isinstance(read, str):
+        return read(row)
+    for name in read.split("."):
+        # A field of what is missing is missing, too: its cell is a dash.
+        row = None if row is None else getattr(row, name)
+    return row
 
 
 def read_text(title: str, read: str | Callable[[Any], Cell]) -> Reading:
