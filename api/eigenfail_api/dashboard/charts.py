@@ -119,7 +119,7 @@ def list_rows(titles: Iterable[str], rows: Iterable[Row], note: str = "") -> Tab
 def tabulate_first(rows: Sequence[object], *readings: Reading) -> Table:
     """Return the table of the first rows, with a note if there are more."""
     note = (f"The first {MOST_ROWS}.",) if len(rows) > MOST_ROWS else ()
-    return tabulate("", rows[:MOST_ROWS], readings, note)
+    return tabulate("", rows[:MOST_ROWS], *readings, notes=note)
 
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
@@ -176,15 +176,13 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
         table=tabulate(
             "",
             blocks,
-            (
-                read_text("Episodes", format_span),
-                read_number("Failures", "failure_rate.k"),
-                read_number("Completed", "failure_rate.n"),
-                read_number(what, "failure_rate.value", "share"),
-                read_text("95 % interval", lambda block: format_bounds(block.failure_rate)),
-                read_number("log p per step of the failures", "log_probability_per_step"),
-                read_number("Median robustness", "median_robustness_m", unit),
-            ),
+            read_text("Episodes", format_span),
+            read_number("Failures", "failure_rate.k"),
+            read_number("Completed", "failure_rate.n"),
+            read_number(what, "failure_rate.value", "share"),
+            read_text("95 % interval", lambda block: format_bounds(block.failure_rate)),
+            read_number("log p per step of the failures", "log_probability_per_step"),
+            read_number("Median robustness", "median_robustness_m", unit),
         ),
     )
 
@@ -229,13 +227,11 @@ def make_robustness_chart(
         table=tabulate(
             "",
             course.blocks,
-            (
-                read_text("Episodes", format_span),
-                read_number("Completed", "failure_rate.n"),
-                read_number("Smallest", "smallest_robustness_m", unit),
-                read_number("Median", "median_robustness_m", unit),
-            ),
-            ("By blocks of episodes; each episode is in the API.",),
+            read_text("Episodes", format_span),
+            read_number("Completed", "failure_rate.n"),
+            read_number("Smallest", "smallest_robustness_m", unit),
+            read_number("Median", "median_robustness_m", unit),
+            notes=("By blocks of episodes; each episode is in the API.",),
         ),
     )
 

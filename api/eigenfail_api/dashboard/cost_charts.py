@@ -86,13 +86,11 @@ def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
         table=tabulate(
             "",
             shown,
-            (
-                read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
-                read_text("Method", "method"),
-                *PRICE,
-                read_number("Failures", "counts.failures"),
-                read_number("Episodes", "counts.completed"),
-            ),
+            read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
+            read_text("Method", "method"),
+            *PRICE,
+            read_number("Failures", "counts.failures"),
+            read_number("Episodes", "counts.completed"),
         ),
     )
 
@@ -150,16 +148,14 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
         table=tabulate(
             "",
             methods,
-            (
-                read_text("Method", "method"),
-                *PRICE,
-                read_number("Failures", "failures"),
-                read_number("Episodes", "completed"),
-                read_number("Rate", "failure_rate"),
-                read_number("Spent [USD]", "cost.total_usd"),
-                read_number("Campaigns", "campaigns"),
-                read_number("Seeds of the interval", lambda each: each.seeds or None),
-            ),
+            read_text("Method", "method"),
+            *PRICE,
+            read_number("Failures", "failures"),
+            read_number("Episodes", "completed"),
+            read_number("Rate", "failure_rate"),
+            read_number("Spent [USD]", "cost.total_usd"),
+            read_number("Campaigns", "campaigns"),
+            read_number("Seeds of the interval", lambda each: each.seeds or None),
         ),
     )
 

@@ -118,13 +118,11 @@ def make_curve_chart(found: CampaignCost) -> Chart:
         table=tabulate(
             "",
             points,
-            (
-                read_text("USD", lambda point: format_usd(point.usd)),
-                read_number("Active", "active_s", "s"),
-                read_number("Episodes", "completed"),
-                read_number("Failures", "failures"),
-                read_number("Modes", "modes"),
-            ),
+            read_text("USD", lambda point: format_usd(point.usd)),
+            read_number("Active", "active_s", "s"),
+            read_number("Episodes", "completed"),
+            read_number("Failures", "failures"),
+            read_number("Modes", "modes"),
         ),
     )
 

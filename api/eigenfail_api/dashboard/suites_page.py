@@ -1,6 +1,5 @@
 """The list of suites, the page of one, and the page that launches one from its file."""
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import ceil
 from urllib.parse import quote
@@ -317,16 +316,11 @@ def encode_suite(text: str) -> bytes:
     Raises:
         InvalidValue: the text is not TOML, or describes a campaign.
     """
-    try:
-        table = tomllib.loads(text)
-        body = msgspec.json.encode(table)
-    # A number of too many digits is a plain ValueError.
-    except (ValueError, RecursionError) as error:
-        raise InvalidValue("", f"The file is not TOML: {error}.") from None
+    table = launch_page.read_toml(text, "")
     if "method" in table:
         remedy = "Fill in the launch form from it."
         raise InvalidValue("", "The file describes a campaign, not a suite.", remedy)
-    return body
+    return msgspec.json.encode(table)
 
 
 def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[launch_page.LaunchTrouble]:

@@ -67,23 +67,23 @@ ROUNDING = 1e-9
 def tabulate_results(summaries: Iterable[Summary]) -> tables.Table:
     """Return what campaigns found and what it cost, one a row, with remarks on their rates."""
     found = list(summaries)
+    # Few methods estimate a probability: without one the column would hold dashes alone.
     last = [tables.Reading(PROBABILITY, "estimate")] if any(each.estimate for each in found) else []
     return tables.tabulate(
         "Results",
         found,
-        (
-            tables.Reading(ID, lambda each: str(each.campaign)),
-            tables.read_text("Method", "method"),
-            *WITH_SPEED,
-            *last,
-        ),
-        note_results(found),
+        tables.Reading(ID, lambda each: str(each.campaign)),
+        tables.read_text("Method", "method"),
+        *WITH_SPEED,
+        *last,
+        notes=note_results(found),
     )
 
 
 def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
     """Return the remarks on failure rates and probabilities of campaigns."""
     found = list(summaries)
+    # Methods share the reasons for their bounds: each is given once.
     bounds = (each.estimate.note for each in found if each.estimate and each.estimate.bound)
     searches = [each for each in found if each.failure_rate and not each.failure_rate.sampled]
     return (
@@ -100,18 +100,16 @@ def tabulate_campaigns(campaigns: Iterable[Campaign]) -> tables.Table:
     return tables.tabulate(
         "Campaigns",
         found,
-        (
-            tables.Reading(ID, lambda each: str(each.id)),
-            tables.read_text("Name", "spec.name"),
-            tables.read_text("State", "state_word"),
-            tables.read_text("Method", "spec.method"),
-            tables.read_text("Scenario", "spec.scenario"),
-            tables.read_text("Planner", "spec.planner"),
-            tables.read_number("Done", _format_progress),
-            tables.read_number("Failures", "counts.failures"),
-            *([tables.Reading(PROBABILITY, "estimate")] if has_estimate else []),
-            tables.read_text("Created", lambda each: format_local_time(each.created_ms)),
-        ),
+        tables.Reading(ID, lambda each: str(each.id)),
+        tables.read_text("Name", "spec.name"),
+        tables.read_text("State", "state_word"),
+        tables.read_text("Method", "spec.method"),
+        tables.read_text("Scenario", "spec.scenario"),
+        tables.read_text("Planner", "spec.planner"),
+        tables.read_number("Done", _format_progress),
+        tables.read_number("Failures", "counts.failures"),
+        *([tables.Reading(PROBABILITY, "estimate")] if has_estimate else []),
+        tables.read_text("Created", lambda each: format_local_time(each.created_ms)),
     )
 
 
@@ -190,6 +188,7 @@ def _list_ended(campaign: Campaign) -> Iterator[str]:
 
 def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[tables.Block, ...]:
     """Return specification and results of a campaign, and its collisions by class."""
+    # A function has no traffic, so that it has no conflicts.
     has_road = world_of(campaign.spec.simulator).has_road
     conflicts = [_list_conflicts(campaign, summary.conflicts)] if has_road else []
     return (list_campaign_facts(campaign), _list_findings(summary), *conflicts)
@@ -198,6 +197,7 @@ def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[tables.Bloc
 def _list_findings(summary: Summary) -> tables.FactTable:
     n = f"n = {format_count(summary.counts.failures)}"
     collisions = summary.conflicts.collisions
+    # A violation without a collision has no severity: the mean may rest on fewer failures.
     severe = "failures" if collisions == summary.counts.failures else "collisions"
     rate = tables.format_line(summary.failure_rate)
     searched = summary.failure_rate is not None and not summary.failure_rate.sampled
@@ -261,7 +261,7 @@ def tabulate_course(course: Course, unit: str = "m") -> tuple[tables.Block, ...]
     notes = (SEARCHES,) if searched else ()
     return (
         f"{course.heading} of campaign {course.campaign} ({course.method})",
-        tables.tabulate(course.heading, course.blocks, readings, notes),
+        tables.tabulate(course.heading, course.blocks, *readings, notes=notes),
     )
 
 
@@ -272,6 +272,7 @@ def tabulate_safety_measures(found: Safety) -> tables.Table:
     """
     ttc, drac = found.ttc, found.drac
     counts = (tables.TableColumn("Episodes"), tables.TableColumn("Share [95 %]"))
+    # A function has no traffic: all that is measured is whether it failed.
     if not found.measures_traffic:
         failures = ("Failure", *_count_rate(found.failures))
         return tables.Table(
@@ -293,6 +294,7 @@ def tabulate_safety_measures(found: Safety) -> tables.Table:
 
 def _list_failures(found: Safety) -> Iterator[tuple[tables.Cell, ...]]:
     """Yield the row of the failures, and one for each requirement that is named."""
+    # Without named requirements every failure is a collision, which has a row of its own.
     if found.requirements:
         yield ("Failure", *_count_rate(found.failures), None, None, None)
     yield ("Collision", *_count_rate(found.collisions), None, None, None)
@@ -316,6 +318,7 @@ def list_severity(found: Safety) -> tuple[tuple[str, tables.FormattedCell], ...]
     risk, scatter = found.severity, found.scatter
     level = f"{100.0 * risk.level:g} %"
     n = f"n = {format_count(risk.n)}"
+    # A quantile of the tail rests on few failures: their number says how far to trust it.
     beyond = f"{format_number(risk.beyond)} failures beyond"
     points = f"Spearman, n = {format_count(len(scatter.points))}"
     figures = (
@@ -379,17 +382,15 @@ def tabulate_bill(found: Sequence[CampaignCost]) -> tables.Table:
     return tables.tabulate(
         "Cost",
         found,
-        (
-            tables.Reading(ID, lambda each: str(each.campaign)),
-            tables.read_text("Name", "name"),
-            tables.read_text("Method", "method"),
-            tables.read_number("Episodes", "completed"),
-            tables.read_number("Failures", "failures"),
-            tables.read_number("USD", "cost.total_usd", "USD"),
-            tables.Reading(COST, "cost"),
-            tables.read_number("Modes", "modes"),
-            tables.read_number("USD/mode", "per_mode_usd", "USD"),
-        ),
+        tables.Reading(ID, lambda each: str(each.campaign)),
+        tables.read_text("Name", "name"),
+        tables.read_text("Method", "method"),
+        tables.read_number("Episodes", "completed"),
+        tables.read_number("Failures", "failures"),
+        tables.read_number("USD", "cost.total_usd", "USD"),
+        tables.Reading(COST, "cost"),
+        tables.read_number("Modes", "modes"),
+        tables.read_number("USD/mode", "per_mode_usd", "USD"),
     )
 
 
@@ -405,6 +406,7 @@ def _list_time(found: CampaignCost) -> Iterator[tables.Cell]:
     time = found.time
     yield format_quantity(time.active_s, "s")
     for name in PARTS_OF_TIME:
+        # Shares of no time are not defined.
         yield getattr(time, name) / time.active_s if time.active_s else None
 
 
@@ -532,6 +534,7 @@ def tabulate_boxes(found: Region) -> tables.Table:
     """Return the boxes of a failing region, one a row, and all of them together."""
     shares = ("Share of all failures [95 %]", "Failure rate inside [95 %]")
     boxes = [(box.words, box.coverage, box.precision) for box in found.boxes]
+    # Of a single box the row of all of them would be the same.
     if len(boxes) > 1:
         boxes.append(("all of these", found.coverage or boxes[0][1], found.precision))
     rows = tuple(
@@ -556,22 +559,19 @@ def tabulate_workers(
     """
     total = sum(share.episodes for share in shares)
     shown = shares[:most]
+    # A fleet may have hundreds of workers, and a page has room for the busiest.
     left = f"In the API, with fewer episodes: {count_noun(len(shares) - len(shown), 'worker')}."
     return tables.tabulate(
         "Workers",
         shown,
-        (
-            tables.read_text("Worker", "worker"),
-            tables.read_number("Episodes", "episodes"),
-            tables.read_number(
-                "Share", lambda each: each.episodes / total if total else None, "share"
-            ),
-            tables.read_number("Failures", "failures"),
-            tables.read_number("Errored", "errored"),
-            tables.read_number("Time/episode", lambda each: each.wall_s / each.episodes, "s"),
-            tables.read_text("Last result", lambda each: format_time(each.last_ms)),
-        ),
-        (left,) if len(shown) < len(shares) else (),
+        tables.read_text("Worker", "worker"),
+        tables.read_number("Episodes", "episodes"),
+        tables.read_number("Share", lambda each: each.episodes / total if total else None, "share"),
+        tables.read_number("Failures", "failures"),
+        tables.read_number("Errored", "errored"),
+        tables.read_number("Time/episode", lambda each: each.wall_s / each.episodes, "s"),
+        tables.read_text("Last result", lambda each: format_time(each.last_ms)),
+        notes=(left,) if len(shown) < len(shares) else (),
     )
 
 
@@ -581,10 +581,8 @@ def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary
     return tables.tabulate(
         "Figures",
         summaries,
-        (
-            tables.read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
-            tables.read_text("State", lambda each: by_id[each.campaign].state_word),
-            *WITH_SPEED,
-            tables.read_number("Spent", "cost.total_usd", "USD"),
-        ),
+        tables.read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
+        tables.read_text("State", lambda each: by_id[each.campaign].state_word),
+        *WITH_SPEED,
+        tables.read_number("Spent", "cost.total_usd", "USD"),
     )

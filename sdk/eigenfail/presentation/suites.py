@@ -59,15 +59,13 @@ def tabulate_plan(plan: SuitePlan) -> tables.Table:
     return tables.tabulate(
         plan.suite,
         plan.members,
-        (
-            tables.read_text("Member", "name"),
-            tables.read_text("Method", "spec.method"),
-            tables.read_text("Scenario", "spec.scenario"),
-            tables.read_text("Planner", "spec.planner"),
-            tables.read_number("Seed", lambda member: str(member.spec.seed)),
-            tables.read_number("Episodes", "spec.episodes"),
-        ),
-        (f"{plan.suite}: {counts} in all",),
+        tables.read_text("Member", "name"),
+        tables.read_text("Method", "spec.method"),
+        tables.read_text("Scenario", "spec.scenario"),
+        tables.read_text("Planner", "spec.planner"),
+        tables.read_number("Seed", lambda member: str(member.spec.seed)),
+        tables.read_number("Episodes", "spec.episodes"),
+        notes=(f"{plan.suite}: {counts} in all",),
     )
 
 
@@ -85,14 +83,12 @@ def _tabulate_members(result: SuiteResult) -> tables.Table:
     table = tables.tabulate(
         result.suite,
         result.members,
-        (
-            tables.read_text("Member", "name"),
-            tables.read_text("State", _describe_state),
-            tables.Reading(ID, lambda member: member.summary and str(member.summary.campaign)),
-            tables.read_text("Method", "summary.method"),
-            *_read_summary(WITH_SPEED, found),
-        ),
-        note_results(found),
+        tables.read_text("Member", "name"),
+        tables.read_text("State", _describe_state),
+        tables.Reading(ID, lambda member: member.summary and str(member.summary.campaign)),
+        tables.read_text("Method", "summary.method"),
+        *_read_summary(WITH_SPEED, found),
+        notes=note_results(found),
     )
     means = [("", "", spread.method, *list_spread(spread)) for spread in result.over_seeds]
     return _add_means(table, result.over_seeds, means)
@@ -108,6 +104,7 @@ def _read_summary(
     readings: Iterable[tables.Reading], found: Iterable[Summary]
 ) -> Iterator[tables.Reading]:
     """Yield columns of the summary of a member, and of its estimate if a member has one."""
+    # A member without a campaign has no summary: its cells are dashes.
     for reading in readings:
         yield reading._replace(read=f"summary.{reading.read}")
     if any(summary.estimate for summary in found):
@@ -132,16 +129,14 @@ def tabulate_suites(suites: Iterable[SuiteStanding]) -> tables.Table:
     return tables.tabulate(
         "Suites",
         suites,
-        (
-            tables.read_text("Suite", "name"),
-            tables.read_text("States", _describe_states),
-            tables.read_number("Campaigns", "campaigns"),
-            tables.read_number(
-                "Episodes",
-                lambda suite: f"{format_count(suite.completed)}/{format_count(suite.planned)}",
-            ),
-            tables.read_number("Failures", "failures"),
+        tables.read_text("Suite", "name"),
+        tables.read_text("States", _describe_states),
+        tables.read_number("Campaigns", "campaigns"),
+        tables.read_number(
+            "Episodes",
+            lambda suite: f"{format_count(suite.completed)}/{format_count(suite.planned)}",
         ),
+        tables.read_number("Failures", "failures"),
     )
 
 
@@ -159,14 +154,12 @@ def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:
     table = tables.tabulate(
         found.suite,
         found.members,
-        (
-            tables.read_text("Member", "member"),
-            tables.read_text("State", lambda row: state_word(row.state, row.summary.counts)),
-            *map(read_setting, found.columns),
-            tables.Reading(ID, lambda row: str(row.campaign)),
-            *_read_summary(RESULTS, summaries),
-        ),
-        note_results(summaries),
+        tables.read_text("Member", "member"),
+        tables.read_text("State", lambda row: state_word(row.state, row.summary.counts)),
+        *map(read_setting, found.columns),
+        tables.Reading(ID, lambda row: str(row.campaign)),
+        *_read_summary(RESULTS, summaries),
+        notes=note_results(summaries),
     )
     blank = ("",) * (2 + len(found.columns))
     # The service does not know the speed of a suite: its table has no column for that.
@@ -181,6 +174,7 @@ def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:
 
 def format_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:
     """Return a member's settings in these columns."""
+    # Distributions have words of their own; other values are shown as they were given.
     varied = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
     known = {name: varied.get(name) or _shorten(each) for name, each in row.settings.items()}
     return tuple(known.get(column, DEFAULT) for column in columns)

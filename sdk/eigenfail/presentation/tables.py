@@ -132,12 +132,11 @@ class Reading(NamedTuple):
 
 
 def tabulate(
-    title: str, rows: Iterable[object], readings: Iterable[Reading], notes: tuple[str, ...] = ()
+    title: str, rows: Iterable[object], *readings: Reading, notes: tuple[str, ...] = ()
 ) -> Table:
     """Return a table with a row for each value; a field of a field is named with a dot."""
-    listed = tuple(readings)
-    cells = tuple(tuple(_read_cell(row, each.read) for each in listed) for row in rows)
-    return Table(title, tuple(each.column for each in listed), cells, notes)
+    cells = tuple(tuple(_read_cell(row, each.read) for each in readings) for row in rows)
+    return Table(title, tuple(each.column for each in readings), cells, notes)
 
 
 def _read_cell(row: Any, read: str | Callable[[Any], Cell]) -> Any:
@@ -171,6 +170,7 @@ def count_columns(*titles: str) -> tuple[TableColumn, ...]:
 
 def transpose(table: Table, heading: str = "") -> Table:
     """Return the table with a row for each of its columns; its first column heads the others."""
+    # Formatted first: the columns of the result mix the units of all rows.
     heads, *others = zip(*table.cells, strict=True) if table.rows else ((),)
     columns = (heading, *(cell.value for cell in heads))
     titles = (column.heading for column in table.columns[1:])
@@ -185,6 +185,7 @@ def list_notes(blocks: Iterable[Sequence[str]]) -> tuple[str, ...]:
 
 def format_cell(value: Cell, column: TableColumn = PLAIN) -> FormattedCell:
     """Return a value of a cell in this column as text."""
+    # Only floats need their column, for its unit and digits.
     if isinstance(value, float):
         return FormattedCell(_format_float(value, column))
     return _format(value)
@@ -220,6 +221,7 @@ def _(value: FormattedCell) -> FormattedCell:
     return value
 
 
+# Registered by itself, since bool is a kind of int: True would be the count 1.
 @_format.register
 def _(value: bool) -> FormattedCell:
     return FormattedCell("yes" if value else "no")
@@ -235,6 +237,7 @@ def _(value: Rate) -> FormattedCell:
     """A share with its interval; of no event, the upper bound, near 3 / n."""
     if value.interval is None:
         return FormattedCell(f"{figures.format_share(value.value)} {OF_SEARCH}")
+    # The interval of a rate of 0 begins at 0: only its upper end says something.
     if not value.k:
         bound = figures.format_upper_bound(value.interval.high)
         basis = ("95 % upper bound", *BASES[value.design])
@@ -249,6 +252,7 @@ def _(value: Cost) -> FormattedCell:
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
             return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))
+        # Rounded down, so that what is printed stays a lower bound.
         bound = f"≥ {figures.format_usd(figures.round_down(value.at_least_usd))}"
         return FormattedCell(bound, basis=("95 % lower bound",))
     amount = figures.format_usd(value.per_failure_usd)
