@@ -140,7 +140,7 @@ ANSWERS = (
 )
 
 
-OF_SEARCH = " that the method chose, which is no failure rate under p(x)"
+CHOSEN = " that the method chose, which is no failure rate under p(x)"
 
 
 def make_curve_chart(course: Course, unit: str = "m") -> Chart:
@@ -154,7 +154,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     what = name_rates(block.failure_rate for block in blocks)
     # An interval of the episodes that a search chose would say nothing of p(x).
     is_sampled = all(block.failure_rate.sampled for block in blocks)
-    basis = ", with 95 % intervals" if is_sampled else OF_SEARCH
+    basis = ", with 95 % intervals" if is_sampled else CHOSEN
     intervals = [block.failure_rate.interval for block in blocks]
     return Chart(
         id="curve-chart",

@@ -8,7 +8,7 @@ from eigenfail.presentation import figures, tables
 from eigenfail.values.analysis import MinimalFailure
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import ChannelLikelihood
-from eigenfail.values.measures import MEASURES, Measure, Measures
+from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.proof import ExplainedStep, Explanation
 from eigenfail.values.records import LEAD_TIMES, Assessment, EpisodeDetail, EpisodeRow
 from eigenfail.worlds import world_of
@@ -60,13 +60,13 @@ def tabulate_fields(
     # Named as in filters: what is listed can be typed into the next filter.
     described = (find_column(name, "fields") for name in names)
     columns = tuple(tables.TableColumn(each.name, is_figure=each.is_ordered) for each in described)
-    cells = tuple(tuple(_read_field(row[name]) for name in names) for row in rows)
+    values = ([row[name] for name in names] for row in rows)
+    cells = tuple(
+        # A seed or a number of an episode is a name, whose digits stand together.
+        tuple(each if each is None or isinstance(each, float) else str(each) for each in row)
+        for row in values
+    )
     return tables.Table("Episodes", columns, cells)
-
-
-def _read_field(value: Value | None) -> tables.Cell:
-    # A seed or a number of an episode is a name, whose digits stand together.
-    return value if value is None or isinstance(value, float) else str(value)
 
 
 def format_class(assessed: Assessment) -> str:
@@ -100,7 +100,11 @@ def _list_facts(
     has_road: bool,
 ) -> tables.FactTable:
     likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
-    fault = result.fault
+    fault, measures, measured = result.fault, result.measures, list[tuple[str, str]]()
+    if measures and has_road:
+        measured += list_measures(measures, result.assessed)
+    elif measures:
+        measured.append(("robustness", figures.format_number(measures.robustness_m)))
     rows = (
         ("episode", f"{name}, seed {result.seed}"),
         ("outcome", result.outcome.word),
@@ -110,7 +114,7 @@ def _list_facts(
         ("disturbances", f"from {result.source}, log p {likelihood}"),
         *list_channel_likelihoods(result.likelihoods),
         *((f"requirement {label}", words) for label, words in judged),
-        *_list_measured(result, has_road=has_road),
+        *measured,
         ("scene", "stored" if result.scene else "not stored"),
         ("digest", result.digest()),
         *([("problem", f"{fault.kind}: {fault.message}")] if fault else []),
@@ -128,15 +132,6 @@ def list_channel_likelihoods(
         yield f"log p of {each.name}", f"{of_channel}, {relative} relative to z = 0"
 
 
-def _list_measured(result: EpisodeDetail, *, has_road: bool) -> Iterator[tuple[str, str]]:
-    if result.measures is None:
-        return
-    if has_road:
-        yield from list_measures(result.measures, result.assessed)
-    else:
-        yield "robustness", figures.format_number(result.measures.robustness_m)
-
-
 OF_REQUIREMENTS = frozenset({"nearest_m", "violated"})
 """Measures of campaigns that name requirements."""
 
@@ -150,20 +145,13 @@ def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[st
             if name in absent:
                 continue
             value = getattr(values, name)
-            # A missing number is worth a dash; a missing text, such as a cause, has nothing to
-            # tell.
-            if not measure.is_text:
-                yield measure.heading, _format_value(measure, value)
-            elif value is not None:
+            if measure.is_count:
+                value = figures.format_count(value)
+            elif not measure.is_text:
+                value = figures.format_number(value, measure.digits)
+            # A missing number is a dash by now; a missing text, such as a cause, tells nothing.
+            if value is not None:
                 yield measure.heading, value
-
-
-def _format_value(measure: Measure, value: Any) -> str:
-    return (
-        figures.format_count(value)
-        if measure.is_count
-        else figures.format_number(value, measure.digits)
-    )
 
 
 def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[tuple[str, str]]:

@@ -19,9 +19,8 @@ from eigenfail.values.safety import Figure
 from eigenfail.values.summary import MeanTime
 
 NO_FAILURE = "no failure"
-OWN_EPISODES = "of the episodes that the method chose"
 OF_SEARCH = "of its search"
-"""Behind a share of such episodes where a column also has failure rates under p(x)."""
+"""Behind the share of a search where a column also has failure rates under p(x)."""
 
 _SENTENCE_CASE = re.compile(r"[A-Z][a-z]+\b")
 
