@@ -155,7 +155,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     # An interval of the episodes that a search chose would say nothing of p(x).
     is_sampled = all(block.failure_rate.sampled for block in blocks)
     basis = ", with 95 % intervals" if is_sampled else CHOSEN
-    intervals = [block.failure_rate.interval for block in blocks]
+    bounds = [block.failure_rate.interval for block in blocks]
     return Chart(
         id="curve-chart",
         kind="curve",
@@ -170,8 +170,8 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
-            "low": round_values(bounds and 100.0 * bounds.low for bounds in intervals),
-            "high": round_values(bounds and 100.0 * bounds.high for bounds in intervals),
+            "low": round_values(None if each is None else 100.0 * each.low for each in bounds),
+            "high": round_values(None if each is None else 100.0 * each.high for each in bounds),
         },
         table=tabulate(
             "",

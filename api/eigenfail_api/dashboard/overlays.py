@@ -55,7 +55,8 @@ def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> 
 
     def count_found(cost: CampaignCost, usd: float) -> int | None:
         point = find_purchase(cost, usd)
-        return point and getattr(point, find)
+        found: int | None = None if point is None else getattr(point, find)
+        return found
 
     return Chart(
         id=name,

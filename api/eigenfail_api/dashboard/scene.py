@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenfail.contracts.recording import OverlaidRecordings
 from eigenfail.explanations import NotableMoment, find_moments
@@ -388,7 +389,7 @@ class _Failure:
         }
 
 
-def _list_known(values: Floats) -> list[float | None]:
+def _list_known(values: NDArray[np.float64]) -> list[float | None]:
     """Return numbers for JSON; None while a vehicle is not there."""
     return [
         value if is_known else None

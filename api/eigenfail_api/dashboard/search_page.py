@@ -5,7 +5,7 @@ Campaigns are found by their tags and by the version of their planner, too.
 
 import re
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote, urlencode
 
 import msgspec
@@ -77,7 +77,7 @@ def show_search(store: Stored, text: Text = "") -> HTMLResponse:
 def _search(store: Store, text: str) -> Iterator[HitGroup]:
     """Yield the results of each kind, exact ids first."""
     yield HitGroup("By id", tuple(_find_by_id(store, text)))
-    wanted = {"Campaigns": {"search": text}}
+    wanted: dict[str, dict[str, Any]] = {"Campaigns": {"search": text}}
     # Labels match as a whole word; what cannot be one needs no question.
     if _is_label(text):
         wanted[f"Campaigns of planner version {text}"] = {"planner_version": text}
