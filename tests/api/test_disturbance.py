@@ -5,6 +5,7 @@ from html import unescape
 import msgspec
 import numpy as np
 import pytest
+from tests.support.chart_tables import read_rows
 
 from eigenfail.client import Client
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
@@ -89,4 +90,4 @@ def test_the_chart_shows_the_noise_and_not_the_draws_behind_it():
     chart = make_noise_chart(NoiseTrajectory(z, 2.0 * np.ones_like(z), Correlated(0.5, 0.25)), 0.1)
     assert chart.data["channels"]["longitudinal"] == [1.0, 0.5]
     assert chart.data["channels"]["lateral"] == [2.0, 0.5]
-    assert chart.rows[1][:5] == ("0.100", "0.500", "0.500", "1.00", "1.00")
+    assert read_rows(chart.table)[1][:5] == ("0.100", "0.500", "0.500", "1.00", "1.00")

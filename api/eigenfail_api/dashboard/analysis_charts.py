@@ -1,20 +1,22 @@
 """The charts of an analysis: its modes, its components, its influence, and its training."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from msgspec.structs import replace
 
 from eigenfail.presentation.figures import UNKNOWN, format_number, format_share
+from eigenfail.presentation.tables import Table, read_number, read_text
 from eigenfail.values.analysis import AnalysisResult, Moment, TrainingInterval
 from eigenfail.values.arrays import Floats
 from eigenfail_api.dashboard.charts import (
-    MOST_ROWS,
     ChannelPlot,
     Chart,
     Row,
+    list_rows,
     round_rows,
     round_values,
+    tabulate_first,
 )
 
 MOST_POINTS = 5_000
@@ -61,9 +63,9 @@ def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
                 for mode in behaviour.modes
             ],
         },
-        columns=(f"Time from the {event} [s]", *_number_modes(result, len(means))),
-        cells=tuple(
-            tuple(map(float, values)) for values in zip(behaviour.times_s, *means, strict=True)
+        table=list_rows(
+            (f"Time from the {event} [s]", *_number_modes(result, len(means))),
+            (tuple(map(float, row)) for row in zip(behaviour.times_s, *means, strict=True)),
         ),
     )
     return (chart,)
@@ -91,7 +93,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
             },
         }
 
-    def tabulate(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[Row]]:
+    def tabulate(ways: Sequence[int]) -> Table:
         shown = [channels[way] for way in ways]
         columns = [f"{name} {channel}" for name in names for channel in shown]
         lines = [mode.eigenfailure for mode in result.modes]
@@ -101,7 +103,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
                 lines.append(side)
         # One matrix for modes and bands: a table has one row for each step.
         values = np.concatenate([line[:, ways] for line in lines], axis=1)
-        return ("Step", *columns), list_steps(values)
+        return tabulate_steps(columns, values)
 
     in_words = f"Centre of the noise of each {result.cluster_noun} over time [sigma], by channel."
     more = " Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""
@@ -133,12 +135,13 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
             "y": list_floats(y[chosen]),
             "centres": [list_floats(mode.centre[[0, second]]) for mode in result.modes],
         },
-        columns=("Episode", result.cluster_noun.capitalize(), "First score", "Second score"),
-        cells=tuple(
-            (names[row], str(result.labels[row] + 1), float(x[row]), float(y[row]))
-            for row in chosen[:MOST_ROWS]
+        table=tabulate_first(
+            chosen,
+            read_text("Episode", lambda row: names[row]),
+            read_text(result.cluster_noun.capitalize(), lambda row: str(result.labels[row] + 1)),
+            read_number("First score", lambda row: float(x[row])),
+            read_number("Second score", lambda row: float(y[row])),
         ),
-        note=f"The first {MOST_ROWS}." if len(chosen) > MOST_ROWS else "",
     )
 
 
@@ -155,9 +158,9 @@ def make_explained_chart(result: AnalysisResult) -> Chart:
             "share": list_floats(100.0 * result.explained),
             "cumulated": list_floats(100.0 * cumulated),
         },
-        columns=("Component", "Share", "Cumulated"),
-        cells=tuple(
-            (str(place), *map(format_share, pair)) for place, pair in enumerate(shares, start=1)
+        table=list_rows(
+            ("Component", "Share", "Cumulated"),
+            ((str(place), *map(format_share, pair)) for place, pair in enumerate(shares, start=1)),
         ),
     )
 
@@ -172,11 +175,8 @@ def make_influence_chart(result: AnalysisResult) -> Chart:
             "moments": list(map(draw_moment, result.moments)),
         }
 
-    def tabulate(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[Row]]:
-        return (
-            ("Step", *(channels[way].capitalize() for way in ways)),
-            list_steps(influence[:, ways]),
-        )
+    def tabulate(ways: Sequence[int]) -> Table:
+        return tabulate_steps((channels[way].capitalize() for way in ways), influence[:, ways])
 
     caption = (
         "Steps at which the noise of the failures differs: components weighted by explained "
@@ -193,9 +193,10 @@ def draw_moment(found: Moment) -> dict[str, object]:
     return {"axis": found.axis, "step": found.step, "time": text}
 
 
-def list_steps(columns: Floats) -> Iterator[Row]:
-    """Yield the rows of a table with one row for each step."""
-    return ((str(step), *map(float, row)) for step, row in enumerate(columns))
+def tabulate_steps(titles: Iterable[str], values: Floats) -> Table:
+    """Return a table with one row for each step, whose columns are those of the values."""
+    rows: Iterable[Row] = ((str(step), *map(float, row)) for step, row in enumerate(values))
+    return list_rows(("Step", *titles), rows)
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
@@ -228,11 +229,11 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     def draw_means(ways: Sequence[int]) -> dict[str, object]:
         return make_ridges(result, ways, ["mean"], lambda each: [each.mean], unit="sigma")
 
-    def tabulate_means(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[Row]]:
+    def tabulate_means(ways: Sequence[int]) -> Table:
         means = [each.mean[:, [way]] for way in ways for each in intervals]
         # By channel first, so that the tenths of one channel stand beside each other.
         columns = (f"{result.channels[way]} {span}" for way in ways for span in spans)
-        return ("Step", *columns), list_steps(np.concatenate(means, axis=1))
+        return tabulate_steps(columns, np.concatenate(means, axis=1))
 
     count = max(len(each.components) for each in intervals)
     names = tuple(f"component {place + 1}" for place in range(count))
@@ -242,12 +243,16 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
 
     means = ChannelPlot(result.channels, result.influence, draw_means, tabulate_means)
     # Components have a row each for all channels together: a table of more channels is the same.
-    columns = ("Episodes", "Failures", "Component", "Explained", "Likeness")
+    table = list_rows(
+        ("Episodes", "Failures", "Component", "Explained", "Likeness"),
+        (row for each in intervals for row in list_component_rows(each)),
+        "By interval; single steps are in the API.",
+    )
     components = ChannelPlot(
         result.channels,
         result.influence,
         draw_components,
-        lambda _: (columns, (row for each in intervals for row in list_component_rows(each))),
+        lambda _: table,
     ).make_chart(
         "training-components-chart",
         "training",
@@ -266,7 +271,7 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
             "the first tenth on top.",
             GREATEST,
         ),
-        replace(components, every=None, note="By interval; single steps are in the API."),
+        replace(components, every=None),
     )
 
 

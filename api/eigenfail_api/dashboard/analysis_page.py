@@ -1,6 +1,6 @@
 """The page of an analysis: its modes, how sure they are, and when noise matters."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import msgspec
@@ -152,23 +152,26 @@ def make_analysis_view(
     result, campaign = analysis.result, campaigns[0]
     world = world_of(campaign.spec.simulator)
     words = ", ".join(describe_settings(analysis.settings, world.channels(campaign.spec)))
+    is_replaying = proof is not None and bool(proof.scenarios) and not proof.done
     view: dict[str, object] = {
         "analysis": analysis,
         "settings": words[0].upper() + words[1:],
         "campaign": campaign,
-        "is_open": analysis.state in {"queued", "running"} or is_replaying(proof),
+        "is_open": analysis.state in {"queued", "running"} or is_replaying,
         "choices": list_analysis_choices(campaign.spec),
     }
     if result is None or proof is None:
         return view
     unit = find_robustness_unit(campaign.spec)
+    collapse = result.diversity.collapse if result.diversity else ""
     step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
     is_whole = not leaves_early_out(analysis.settings, campaigns)
+    proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return view | {
         "result": result,
         # Something speaks against distinct modes.
         "is_doubtful": not result.distinct or bool(result.caution),
-        "notes": tuple(list_notes(result)),
+        "notes": (*result.notes, *([collapse] if collapse else [])),
         "tiles": make_finding_tiles(result, is_whole=is_whole),
         "modes": make_mode_cards(result, campaign.id, proof, unit),
         "grids": list_tables(result, step_s),
@@ -176,30 +179,14 @@ def make_analysis_view(
         "detail_charts": make_detail_charts(result) if result.modes else (),
         "has_animations": world.has_road and ANIMATION in list_formats(),
         "proof": make_proof_view(proof, unit),
-        "given_names": find_given_names(result, modes),
+        # Proposed names repeat the words of the card.
+        "given_names": {
+            mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]
+        },
         "triage": {
             mode.number: mode.state.words for mode in modes if mode.state is not TriageState.NEW
         },
     }
-
-
-def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
-    """Return the names that were given to modes by number, without those that are proposed."""
-    # Proposed names repeat the words of the card.
-    proposed = propose_mode_names(result.words or ("",) * len(result.modes))
-    return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
-
-
-def is_replaying(proof: Proof | None) -> bool:
-    """Return whether the proof has replays that have not ended."""
-    return proof is not None and bool(proof.scenarios) and not proof.done
-
-
-def list_notes(result: AnalysisResult) -> Iterator[str]:
-    """Return the remarks below the verdict."""
-    yield from result.notes
-    if result.diversity and result.diversity.collapse:
-        yield result.diversity.collapse
 
 
 def make_mode_cards(
@@ -232,15 +219,15 @@ def describe_mode_card(result: AnalysisResult, place: int) -> str:
 
 def make_proof_tiles(proven: ProvenMode, unit: str) -> Tiles:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
-    tiles = (
+    tiles = [
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
         ("Medoid reproduced", describe_reproduction(proven.medoid, unit)),
-    )
-    if proven.nearest is None:
-        return tiles
-    place, _, words = proven.nearest.words.partition(": ")
-    nearest = Tile(f"t = {figures.format_number(proven.nearest.t)}", (words or place,))
-    return (*tiles, ("Nearest failing point", nearest))
+    ]
+    if nearest := proven.nearest:
+        place, _, words = nearest.words.partition(": ")
+        tile = Tile(f"t = {figures.format_number(nearest.t)}", (words or place,))
+        tiles.append(("Nearest failing point", tile))
+    return tuple(tiles)
 
 
 WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards −y")}
@@ -265,6 +252,11 @@ def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
     """Return what the page shows of an analysis's replays; robustness in a unit, or none."""
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
     cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
+    tallies, count = {"Eigenfailures, same scenario": found.reproduced}, len(found.scenarios)
+    # Of one scenario, all eigenfailures are those of the same scenario.
+    if count > 1:
+        tallies[f"Eigenfailures, {count} scenarios"] = found.eigenfailures
+    tallies[f"Medoids, {count} scenarios" if count > 1 else "Medoids"] = found.medoids
     return {
         "found": found,
         "ended": sum(replay.outcome is not None for replay in replays),
@@ -272,24 +264,11 @@ def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
         # Asking replays something only where nothing was replayed, some of it was cut off, or
         # centres do not fail.
         "may_ask": not found.scenarios or cut_off or bool(found.done and found.unplaced),
-        "tallies": make_tallies(found, unit),
+        "tallies": [(name, describe_reproduction(each, unit)) for name, each in tallies.items()],
         "describe": partial(describe_reproduction, unit=unit),
         "badge_of": make_scenario_badge,
         "outcomes": OUTCOME_BADGES,
     }
-
-
-def make_tallies(found: Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
-    """Return the tiles of replays in the same scenario, and in all if there are several."""
-    same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced, unit)),)
-    count = len(found.scenarios)
-    if count < 2:
-        return (*same, ("Medoids", describe_reproduction(found.medoids, unit)))
-    return (
-        *same,
-        (f"Eigenfailures, {count} scenarios", describe_reproduction(found.eigenfailures, unit)),
-        (f"Medoids, {count} scenarios", describe_reproduction(found.medoids, unit)),
-    )
 
 
 def describe_reproduction(found: Reproduction, unit: str) -> Tile:

@@ -64,12 +64,6 @@ def find_origin(spec: CampaignSpec) -> tuple[str, str] | None:
     return next(links, None)
 
 
-def make_replays_address(campaign: int) -> str:
-    """Return the address of the replays of a campaign's episodes."""
-    # Replays are named after the campaign and the episode that they repeat.
-    return f"/?{urlencode({'method': REPLAY, 'search': f'replay of {campaign}/'})}"
-
-
 Tiles = tuple[tuple[str, rendering.Tile], ...]
 
 
@@ -124,11 +118,6 @@ class NextStep(msgspec.Struct, frozen=True):
     command: str
     address: str
     leads_to: str = ""
-
-    @property
-    def is_action(self) -> bool:
-        """Return whether the step creates something new."""
-        return bool(self.leads_to)
 
 
 def list_next_steps(
@@ -187,12 +176,6 @@ def list_actions(campaign: Campaign) -> tuple[str, ...]:
         return steered
     # Archiving hides a campaign from lists, and those that run must be seen.
     return (*steered, "archive" if campaign.archived_ms is None else "restore")
-
-
-def list_priorities(campaign: Campaign) -> tuple[Priority, ...]:
-    """Return the priorities that a campaign can change to; none once it has ended."""
-    others = tuple(each for each in Priority if each is not campaign.spec.priority)
-    return () if campaign.state in FINAL_STATES else others
 
 
 def make_tiles(
@@ -329,7 +312,8 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         "minimal": minimal,
         "minimal_words": describe_minimal_failure(minimal) if minimal else (),
         "origin": find_origin(seen.spec),
-        "replays": make_replays_address(seen.id),
+        # Replays are named after the campaign and the episode that they repeat.
+        "replays": f"/?{urlencode({'method': REPLAY, 'search': f'replay of {seen.id}/'})}",
         "wants_workers": seen.state in rendering.WORKING and not here,
         "stranded": tuple(each for each in lacking if each.campaign == seen.id),
         "narrow": find_narrow(store, seen, len(here)),
@@ -349,7 +333,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         "choices": episodes_page.list_analysis_choices(seen.spec),
         "events": tuple(store.events.latest(EVENTS_SHOWN, seen.id)),
         "times": list_times(seen),
-        "priorities": list_priorities(seen),
+        "priorities": [each for each in Priority if is_open and each is not seen.spec.priority],
         "settings": group_settings(seen),
         "as_of_ms": now_ms(),
         "latest": latest,

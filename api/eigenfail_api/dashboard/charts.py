@@ -1,6 +1,7 @@
 """Charts: the data that the browser draws, and the table behind each."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import msgspec
@@ -11,7 +12,15 @@ from eigenfail.filters import Condition, Conditions, Operator, read_value
 from eigenfail.presentation import figures
 from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels, rank_channels
 from eigenfail.presentation.rates import name_rates
-from eigenfail.presentation.tables import Cell, format_line
+from eigenfail.presentation.tables import (
+    Cell,
+    Reading,
+    Table,
+    name_columns,
+    read_number,
+    read_text,
+    tabulate,
+)
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.disturbance import NoiseTrajectory
@@ -32,19 +41,7 @@ MOST_ROWS = 200
 Row = tuple[Cell, ...]
 
 
-class ChartTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The numbers of a chart, for readers without scripts."""
-
-    columns: tuple[str, ...]
-    cells: tuple[Row, ...]
-
-    @property
-    def rows(self) -> tuple[tuple[str, ...], ...]:
-        """Return the cells as text."""
-        return tuple(tuple(map(format_line, row)) for row in self.cells)
-
-
-class Chart(ChartTable, frozen=True, kw_only=True):
+class Chart(msgspec.Struct, frozen=True, kw_only=True):
     """A chart for the browser, and its text for browsers without scripts.
 
     Attributes:
@@ -53,7 +50,7 @@ class Chart(ChartTable, frozen=True, kw_only=True):
         title: what it shows.
         caption: how to read it, in a sentence.
         data: for the module, plain JSON.
-        note: what the table leaves out.
+        table: the same numbers, for readers without scripts; its notes say what it leaves out.
         every: the table of all channels, where there are so many that the table and the chart show
             the most influential ones at first.
     """
@@ -63,8 +60,8 @@ class Chart(ChartTable, frozen=True, kw_only=True):
     title: str
     caption: str
     data: dict[str, object]
-    note: str = ""
-    every: ChartTable | None = None
+    table: Table
+    every: Table | None = None
 
     @property
     def channels(self) -> int:
@@ -85,13 +82,13 @@ class ChannelPlot(NamedTuple):
         channels: names of the channels.
         weights: what counts for each, as `pick_channels` takes it.
         draw: returns data for the browser of the channels in these columns of the noise.
-        tabulate: returns heads and rows of the table of these channels.
+        tabulate: returns the table of these channels.
     """
 
     channels: Sequence[str]
     weights: Floats
     draw: Callable[[Sequence[int]], dict[str, object]]
-    tabulate: Callable[[Sequence[int]], tuple[Sequence[str], Iterable[Row]]]
+    tabulate: Callable[[Sequence[int]], Table]
 
     def make_chart(self, name: str, kind: str, title: str, caption: str, why: str) -> Chart:
         """Return the chart; its caption says why some channels are shown first."""
@@ -99,21 +96,29 @@ class ChannelPlot(NamedTuple):
         ranked, every = shown, None
         if len(shown) < len(self.channels):
             ranked = rank_channels(self.weights)
-            titles, rows = self.tabulate(ranked)
-            every = ChartTable(columns=tuple(titles), cells=tuple(rows))
+            every = self.tabulate(ranked)
             of_all = f"{len(shown)} of {len(self.channels)} channels"
             caption = f"{caption} The {of_all} with {why} are shown first."
-        columns, cells = self.tabulate(shown)
         return Chart(
             id=name,
             kind=kind,
             title=title,
             caption=caption,
             data=self.draw(ranked),
-            columns=tuple(columns),
-            cells=tuple(cells),
+            table=self.tabulate(shown),
             every=every,
         )
+
+
+def list_rows(titles: Iterable[str], rows: Iterable[Row], note: str = "") -> Table:
+    """Return the table of a chart, with a note on what it leaves out."""
+    return Table("", name_columns(*titles), tuple(rows), (note,) if note else ())
+
+
+def tabulate_first(rows: Sequence[object], *readings: Reading) -> Table:
+    """Return the table of the first rows, with a note if there are more."""
+    note = (f"The first {MOST_ROWS}.",) if len(rows) > MOST_ROWS else ()
+    return tabulate("", rows[:MOST_ROWS], *readings, notes=note)
 
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
@@ -134,6 +139,9 @@ ANSWERS = (
 )
 
 
+CHOSEN = " that the method chose, which is no failure rate under p(x)"
+
+
 def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     """Return the chart of the failure rate, or share of failures, over the course of a campaign.
 
@@ -143,13 +151,17 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     """
     blocks = course.blocks
     what = name_rates(block.failure_rate for block in blocks)
+    # An interval of the episodes that a search chose would say nothing of p(x).
+    is_sampled = all(block.failure_rate.sampled for block in blocks)
+    basis = ", with 95 % intervals" if is_sampled else CHOSEN
+    bounds = [block.failure_rate.interval for block in blocks]
     return Chart(
         id="curve-chart",
         kind="curve",
         title=course.heading,
         caption=(
-            f"{what} by blocks of {figures.count_noun(course.per, 'episode')}"
-            f"{name_bounds(blocks)}; the table holds likelihood and robustness, too."
+            f"{what} by blocks of {figures.count_noun(course.per, 'episode')}{basis}; "
+            "the table holds likelihood and robustness, too."
         ),
         data={
             "what": what,
@@ -157,52 +169,21 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
-            "low": round_values(list_percent_ends(blocks, "low")),
-            "high": round_values(list_percent_ends(blocks, "high")),
+            "low": round_values(None if each is None else 100.0 * each.low for each in bounds),
+            "high": round_values(None if each is None else 100.0 * each.high for each in bounds),
         },
-        columns=(
-            "Episodes",
-            "Failures",
-            "Completed",
-            what,
-            "95 % interval",
-            "log p per step of the failures",
-            add_unit("Median robustness", unit),
-        ),
-        cells=tuple(
-            (
-                format_span(block),
-                block.failure_rate.k,
-                block.failure_rate.n,
-                figures.format_share(block.failure_rate.value),
-                format_bounds(block.failure_rate),
-                block.log_probability_per_step,
-                block.median_robustness_m,
-            )
-            for block in blocks
+        table=tabulate(
+            "",
+            blocks,
+            read_text("Episodes", format_span),
+            read_number("Failures", "failure_rate.k"),
+            read_number("Completed", "failure_rate.n"),
+            read_number(what, "failure_rate.value", "share"),
+            read_text("95 % interval", lambda block: format_bounds(block.failure_rate)),
+            read_number("log p per step of the failures", "log_probability_per_step"),
+            read_number("Median robustness", "median_robustness_m", unit),
         ),
     )
-
-
-# A function of noise returns a number without a unit.
-def add_unit(title: str, unit: str) -> str:
-    """Return the title of a column with its unit, if it has one."""
-    return f"{title} [{unit}]" if unit else title
-
-
-def name_bounds(blocks: Sequence[CourseBlock]) -> str:
-    """Return what a caption says of the intervals of failure rates."""
-    # An interval of the episodes that a search chose would say nothing of p(x).
-    if all(block.failure_rate.sampled for block in blocks):
-        return ", with 95 % intervals"
-    return " that the method chose, which is no failure rate under p(x)"
-
-
-def list_percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float | None]:
-    """Yield one end of the failure rates' intervals [%]; None for the episodes of a search."""
-    for block in blocks:
-        bounds = block.failure_rate.interval
-        yield None if bounds is None else 100.0 * float(getattr(bounds, end))
 
 
 def format_bounds(rate: Rate) -> str:
@@ -229,42 +210,29 @@ def make_robustness_chart(
     """
     # An episode that errored measured nothing.
     measured = [row for row in rows if row.robustness_m is not None]
+    counts = f"{figures.format_count(len(rows))} of {figures.format_count(ended)}"
+    sample = f"A sample of {counts}." if len(rows) < ended else ""
     return Chart(
         id="robustness-chart",
         kind="robustness",
         title="Robustness",
-        caption=(
-            f"{DISTANCES if unit else ANSWERS} 0 is a failure. {describe_sample(rows, ended)}"
-        ),
+        caption=f"{DISTANCES if unit else ANSWERS} 0 is a failure. {sample}",
         data={
             "index": [row.index for row in measured],
             "robustness": round_values(row.robustness_m for row in measured),
             "failure": [row.outcome.is_failure for row in measured],
             "unit": unit,
         },
-        columns=(
-            "Episodes",
-            "Completed",
-            *(add_unit(title, unit) for title in ("Smallest", "Median")),
+        table=tabulate(
+            "",
+            course.blocks,
+            read_text("Episodes", format_span),
+            read_number("Completed", "failure_rate.n"),
+            read_number("Smallest", "smallest_robustness_m", unit),
+            read_number("Median", "median_robustness_m", unit),
+            notes=("By blocks of episodes; each episode is in the API.",),
         ),
-        cells=tuple(
-            (
-                format_span(block),
-                block.failure_rate.n,
-                block.smallest_robustness_m,
-                block.median_robustness_m,
-            )
-            for block in course.blocks
-        ),
-        note="By blocks of episodes; each episode is in the API.",
     )
-
-
-def describe_sample(rows: Sequence[object], of: int) -> str:
-    """Return how many of the episodes are drawn."""
-    if len(rows) >= of:
-        return ""
-    return f"A sample of {figures.format_count(len(rows))} of {figures.format_count(of)}."
 
 
 AXES = {
@@ -277,46 +245,41 @@ AXES = {
 }
 
 
-ONE = "The only episode that matches."
-
-
 def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
     """Return the parallel-coordinates chart, with a line for each episode."""
-    values = {name: [read_number(row, name) for row in rows] for name in AXES}
+
+    def read(name: str, row: EpisodeRow) -> float | None:
+        value = read_value(row, name)
+        return None if value is None else float(value)
+
+    readers = {name: partial(read, name) for name in AXES}
+    count = figures.format_count(len(rows))
+    coverage = f"A sample of {count} of the episodes that match."
+    if is_all:
+        coverage = f"All {count} episodes that match."
+    if is_all and len(rows) == 1:
+        coverage = "The only episode that matches."
     return Chart(
         id="parallel-chart",
         kind="parallel",
         title="Parallel coordinates",
         caption=(
-            f"{describe_coverage(len(rows), is_all=is_all)} One line each. Draw along an axis to "
+            f"{coverage} One line each. Draw along an axis to "
             "narrow the list below: it becomes a condition of the filter."
         ),
         data={
             "columns": list(AXES),
             "names": list(AXES.values()),
-            "values": [round_values(values[name]) for name in AXES],
+            "values": [round_values(map(read, rows)) for read in readers.values()],
             "failure": [row.outcome.is_failure for row in rows],
         },
-        columns=("Episode", "Outcome", *AXES.values()),
-        cells=tuple(
-            (str(row.index), row.outcome.word, *(read_number(row, name) for name in AXES))
-            for row in rows[:MOST_ROWS]
+        table=tabulate_first(
+            rows,
+            read_text("Episode", lambda row: str(row.index)),
+            read_text("Outcome", "outcome.word"),
+            *(read_number(AXES[name], read) for name, read in readers.items()),
         ),
-        note=f"The first {MOST_ROWS}." if len(rows) > MOST_ROWS else "",
     )
-
-
-def read_number(row: EpisodeRow, column: str) -> float | None:
-    """Return a row's value on an axis."""
-    value = read_value(row, column)
-    return None if value is None else float(value)
-
-
-def describe_coverage(count: int, *, is_all: bool) -> str:
-    """Return a sentence on whether all episodes of the filter are drawn."""
-    if is_all:
-        return ONE if count == 1 else f"All {figures.format_count(count)} episodes that match."
-    return f"A sample of {figures.format_count(count)} of the episodes that match."
 
 
 LINES = 2_000

@@ -1,6 +1,7 @@
 """The comparison page: two groups of campaigns, or all selected campaigns."""
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import Annotated, NamedTuple
 from urllib.parse import urlencode
 
@@ -90,13 +91,6 @@ def describe_pairs(found: Comparison) -> str:
     )
 
 
-def describe_effect(found: Comparison) -> str:
-    """Return the effect over campaigns of several seeds as text."""
-    if found.effect is None:
-        return "needs four seeds per group"
-    return f"{format_number(found.effect.a12)}, {found.effect.magnitude}"
-
-
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 MAX_CAMPAIGNS_SEARCHED = 1_000
@@ -116,36 +110,27 @@ class Wish(NamedTuple):
     """The query of the comparison page.
 
     Attributes:
-        campaigns: campaigns that were picked.
-        only: whether only settings that differ are shown.
-        named: what the names of those to pick from contain.
+        campaign: campaigns that were picked.
+        diff: whether only settings that differ are shown.
+        q: what the names of those to pick from contain.
     """
 
-    campaigns: Sequence[int]
-    only: bool
-    named: str
-
-
-def read_wish(
-    campaign: Picked,
-    diff: bool = True,  # a parameter of the address
-    q: Wanted = "",
-) -> Wish:
-    """Return the campaigns, settings and search that an address requests."""
-    return Wish(campaign, diff, q)
+    campaign: Picked
+    diff: bool = True
+    q: Wanted = ""
 
 
 @router.get("/comparison", dependencies=[COMPARISONS])
 def show_comparison(
     request: Request,
     store: Stored,
-    wished: Annotated[Wish, Depends(read_wish)],
+    wished: Annotated[Wish, Depends()],
     a: Ids = None,
     b: Ids = None,
 ) -> HTMLResponse:
     """Serve the comparison of two groups of campaigns, or of all selected ones."""
     # Two groups come from a link or the form; picked campaigns from the list.
-    if a and b and not wished.campaigns:
+    if a and b and not wished.campaign:
         found = sides.compare(store, parse_ids(a), parse_ids(b))
         bills = (list_costs(store, found.a), list_costs(store, found.b))
         return page(
@@ -173,13 +158,14 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
         InvalidValue: too many were picked.
         NotFound: there is no such campaign.
     """
-    campaigns = sides.pick_campaigns(wished.campaigns, store)
+    campaigns = sides.pick_campaigns(wished.campaign, store)
     ids = [each.id for each in campaigns]
     # Those that are picked stand first, in their order.
-    others = sorted(find_matching(store, ids, wished.named), key=lambda each: -each.id)
+    found = islice(find_matching(store, ids, wished.q), LISTED)
+    others = sorted(found, key=lambda each: -each.id)
 
-    def link(some: CampaignIds, *, only: bool = wished.only) -> str:
-        return make_address(some, only, wished.named)
+    def link(some: CampaignIds, *, only: bool = wished.diff) -> str:
+        return make_address(some, only, wished.q)
 
     chosen = []
     for each in campaigns:
@@ -188,7 +174,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
     view: dict[str, object] = {
         "choices": [*campaigns, *others],
         "ids": ids,
-        "wanted": wished.named,
+        "wanted": wished.q,
         "limits": f"{sides.FEWEST} to {sides.MOST}",
         "chosen": chosen,
         "describe": describe_spec,
@@ -203,9 +189,9 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
     return view | {
         "names": [name_column(each) for each in campaigns],
         "figures": tabulate_compared(campaigns, summaries),
-        "settings": [each for each in settings if each.differs or not wished.only],
-        "only": wished.only,
-        "other": link(ids, only=not wished.only),
+        "settings": [each for each in settings if each.differs or not wished.diff],
+        "only": wished.diff,
+        "other": link(ids, only=not wished.diff),
         "first": group_name(groups[0]),
         "verdicts": [
             (
@@ -214,13 +200,25 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
                 (
                     put_minus_signs(describe_difference(found)),
                     describe_pairs(found),
-                    describe_effect(found),
+                    f"{format_number(found.effect.a12)}, {found.effect.magnitude}"
+                    if found.effect
+                    else "needs four seeds per group",
                 ),
                 f"/comparison?a={join_ids(found.a)}&b={join_ids(found.b)}",
             )
             for group, found in zip(groups[1:], sides.against_first(store, groups), strict=True)
         ],
-        "charts": make_overlays([read_compared(store, each) for each in campaigns]),
+        "charts": make_overlays(
+            [
+                Compared(
+                    campaign=each,
+                    course=find_course(store, each),
+                    cost=find_spending(store, each),
+                    rows=spread(store, each, most=MOST_DRAWN).rows,
+                )
+                for each in campaigns
+            ]
+        ),
         "curl": make_curl(service, *pair) if len(groups) >= sides.FEWEST else "",
     }
 
@@ -230,35 +228,17 @@ def make_curl(service: Service, a: str, b: str) -> str:
     return format_curl(service, f"/comparisons?{urlencode({'a': a, 'b': b})}")
 
 
-def read_compared(store: Store, campaign: Campaign) -> Compared:
-    """Read the figures of a campaign that the charts draw."""
-    return Compared(
-        campaign=campaign,
-        course=find_course(store, campaign),
-        cost=find_spending(store, campaign),
-        rows=spread(store, campaign, most=MOST_DRAWN).rows,
-    )
-
-
-def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[Campaign]:
-    """Return the newest campaigns whose name contains the text, or whose id it is."""
-    found = (
-        each
-        # In Python: names are compared without regard to case in all alphabets, which SQLite
-        # cannot.
-        for each in iterate_newest(store)
-        if each.id not in besides
-        and (wanted.lower() in each.spec.name.lower() or wanted == str(each.id))
-    )
-    return [each for _, each in zip(range(LISTED), found, strict=False)]
-
-
-def iterate_newest(store: Store) -> Iterator[Campaign]:
-    """Yield the newest campaigns, page by page."""
+def find_matching(store: Store, besides: Sequence[int], wanted: str) -> Iterator[Campaign]:
+    """Yield the newest campaigns whose name contains the text, or whose id it is."""
     before: int | None = None
     for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):
         listed = store.campaigns.page(100, before, CampaignFilter(archived=False))
-        yield from listed.items
+        # In Python: names are compared without regard to case in all alphabets, which SQLite
+        # cannot.
+        for each in listed.items:
+            is_named = wanted.lower() in each.spec.name.lower() or wanted == str(each.id)
+            if is_named and each.id not in besides:
+                yield each
         before = listed.next
         if before is None:
             return

@@ -5,16 +5,14 @@ from collections.abc import Mapping, Sequence
 from msgspec.json import encode
 
 from eigenfail.presentation import figures
-from eigenfail.presentation.tables import OWN_EPISODES, format_cell
+from eigenfail.presentation.tables import format_cell, read_number, read_text, tabulate
 from eigenfail.values.campaign_spec import Settings
-from eigenfail.values.comparison import PeerCosts, Peers
+from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail.values.estimates import Cost, Rate
+from eigenfail.values.estimates import Cost
 from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard.charts import Chart, round_values
-
-COLUMNS = ("USD per failure", "95 % interval")
 
 
 def mark(price: Cost, **whose: object) -> dict[str, object]:
@@ -37,10 +35,15 @@ def has_price(price: Cost) -> bool:
     return bool(price.per_failure_usd or price.at_least_usd)
 
 
-def format_cells(price: Cost) -> tuple[str, str]:
-    """Return the prices as text, in the order of `COLUMNS`."""
-    cell = format_cell(price)
-    return cell.value, cell.interval or " ".join(cell.basis)
+def _format_bounds(each: Summary | MethodCost) -> str:
+    cell = format_cell(each.cost)
+    return cell.interval or " ".join(cell.basis)
+
+
+PRICE = (
+    read_text("USD per failure", lambda each: format_cell(each.cost).value),
+    read_text("95 % interval", _format_bounds),
+)
 
 
 MOST_BARS = 25
@@ -80,16 +83,14 @@ def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
                 for each in shown
             ]
         },
-        columns=("Campaign", "Method", *COLUMNS, "Failures", "Episodes"),
-        cells=tuple(
-            (
-                f"{each.campaign}: {each.name}",
-                each.method,
-                *format_cells(each.cost),
-                each.counts.failures,
-                each.counts.completed,
-            )
-            for each in shown
+        table=tabulate(
+            "",
+            shown,
+            read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
+            read_text("Method", "method"),
+            *PRICE,
+            read_number("Failures", "counts.failures"),
+            read_number("Episodes", "counts.completed"),
         ),
     )
 
@@ -144,28 +145,17 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
                 for each in methods
             ]
         },
-        columns=(
-            "Method",
-            *COLUMNS,
-            "Failures",
-            "Episodes",
-            "Rate",
-            "Spent [USD]",
-            "Campaigns",
-            "Seeds of the interval",
-        ),
-        cells=tuple(
-            (
-                each.method,
-                *format_cells(each.cost),
-                each.failures,
-                each.completed,
-                rate_of(each.failure_rate),
-                each.cost.total_usd,
-                each.campaigns,
-                each.seeds or None,
-            )
-            for each in methods
+        table=tabulate(
+            "",
+            methods,
+            read_text("Method", "method"),
+            *PRICE,
+            read_number("Failures", "failures"),
+            read_number("Episodes", "completed"),
+            read_number("Rate", "failure_rate"),
+            read_number("Spent [USD]", "cost.total_usd"),
+            read_number("Campaigns", "campaigns"),
+            read_number("Seeds of the interval", lambda each: each.seeds or None),
         ),
     )
 
@@ -196,16 +186,3 @@ def describe_settings(part: str, settings: Settings) -> str:
         for name, words in in_words(settings).items()
     }
     return ", ".join(f"{part}’s {name} = {value}" for name, value in values.items())
-
-
-def rate_of(rate: Rate | None) -> str:
-    """Return the pooled failure rate as text."""
-    if rate is None:
-        return figures.UNKNOWN
-    if rate.interval is None:
-        return f"{figures.format_share(rate.value)} {OWN_EPISODES}"
-    if not rate.k:
-        return figures.format_upper_bound(rate.interval.high)
-    if rate.value is None:
-        return figures.format_percent_interval(rate.interval)
-    return f"{figures.format_share(rate.value)} ({figures.format_percent_interval(rate.interval)})"

@@ -52,14 +52,11 @@ def list_facts(
     measures, steps = result.measures, result.steps
     lasted = f" ({figures.format_number(steps * dt_s)} s)" if dt_s else ""
     assessed = assess(result.outcome, measures)
+    robustness = figures.format_number(measures.robustness_m if measures else None)
     return (
         ("Steps", f"{steps}{lasted}"),
         *(list_danger(measures, assessed) if measures and has_road else ()),
-        *(
-            [("Robustness", figures.format_number(measures.robustness_m))]
-            if measures and not has_road
-            else []
-        ),
+        *([("Robustness", robustness)] if measures and not has_road else []),
         *list_likelihood(result, channels),
         ("Disturbance source", result.source),
         ("Seed", str(result.seed)),
@@ -88,14 +85,11 @@ def list_likelihood(result: EpisodeResult, channels: Sequence[str]) -> Facts:
 
 def list_danger(measures: Measures, assessed: Assessment) -> Facts:
     """Return the measures of how near the episode came to a collision."""
+    # The robustness of several requirements is relative to their scales: it has no unit.
+    unit = "m" if measures.nearest_m is None else ""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
-        (
-            "Robustness",
-            figures.format_quantity(
-                measures.robustness_m, "m" if measures.nearest_m is None else ""
-            ),
-        ),
+        ("Robustness", figures.format_quantity(measures.robustness_m, unit)),
         ("Severity", format_severity(measures.severity)),
         *([("Cause", measures.cause)] if measures.cause else []),
     )
@@ -156,6 +150,7 @@ def make_episode_view(
     world = world_of(campaign.spec.simulator)
     channels, has_road = world.channels(campaign.spec), world.has_road
     assessed = assess(result.outcome, measures)
+    drawn = drawn_for(campaign.spec, result.seed) | placed_for(campaign.spec, result.noise)
     # An episode without steps has no noise to inject again, and nothing to explain.
     has_steps = result.steps > 0
     return {
@@ -163,7 +158,7 @@ def make_episode_view(
         "result": result,
         "badge": rendering.make_outcome_badge(result.outcome, is_unresolved=assessed.unresolved),
         "facts": list_facts(result, channels, dt_s, has_road=has_road),
-        "varied": list_drawn_parameters(campaign, result),
+        "varied": tuple((name, str(value)) for name, value in drawn.items()),
         "ride": list_ride(result) if has_road else (),
         "requirements": tuple(episodes.list_judged(campaign.spec, result.requirements)),
         "thresholds": episodes.tabulate_thresholds(measures, assessed)
@@ -200,13 +195,6 @@ def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
         "The scene of this episode was not kept: campaigns keep those of all failures"
         f"{sample}. Its noise was, so that it can be run again."
     )
-
-
-def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:
-    """Return the scenario parameters that the seed of an episode drew, or its noise chose."""
-    spec = campaign.spec
-    drawn = drawn_for(spec, result.seed) | placed_for(spec, result.noise)
-    return tuple((name, str(value)) for name, value in drawn.items())
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Annotated
+from typing import Annotated, NamedTuple
 from urllib.parse import urlencode
 
 import msgspec
@@ -31,17 +31,35 @@ from eigenfail_services.store import Store
 
 ALL_ERRORED = "No episode was completed: all of them errored."
 
+
+class SortedColumn(NamedTuple):
+    """A column that a list can be sorted by.
+
+    Attributes:
+        name: as in filters.
+        label: what stands in its head, above the unit.
+        largest_first: whether the largest values are of interest, and come first.
+        is_minor: whether small screens do without it.
+    """
+
+    name: str
+    label: str
+    unit: str = ""
+    largest_first: bool = True
+    is_minor: bool = True
+
+
 FIGURES = (
-    ("severity", "Severity", "m²/s²", False, True),
-    ("log_probability_per_step", "log p", "per step", False, True),
-    ("robustness_m", "Robustness", "m", True, False),
-    ("min_ttc_s", "MinTTC", "s", True, False),
-    ("max_drac_mps2", "DRAC", "m/s²", True, True),
-    ("ttc_lead_s", "TTC lead", "s", True, True),
-    ("drac_lead_s", "DRAC lead", "s", True, True),
-    ("steps", "Steps", "", True, True),
+    SortedColumn("severity", "Severity", "m²/s²", is_minor=False),
+    SortedColumn("log_probability_per_step", "log p", "per step", is_minor=False),
+    SortedColumn("robustness_m", "Robustness", "m", largest_first=False),
+    SortedColumn("min_ttc_s", "MinTTC", "s", largest_first=False),
+    SortedColumn("max_drac_mps2", "DRAC", "m/s²"),
+    SortedColumn("ttc_lead_s", "TTC lead", "s"),
+    SortedColumn("drac_lead_s", "DRAC lead", "s"),
+    SortedColumn("steps", "Steps"),
 )
-"""Column, label, unit, whether small screens do without it, whether its largest are of interest."""
+"""Figures of an episode in a list."""
 
 
 class EpisodeRequest(msgspec.Struct, frozen=True):
@@ -142,7 +160,7 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
         address=make_episode_address(row.campaign, row.index, asked),
         badge=make_outcome_badge(row.outcome, is_unresolved=row.assessed.unresolved),
         conflict=describe_conflict(row),
-        cells=tuple(format_cell(row, column) for column, *_ in FIGURES),
+        cells=tuple(format_cell(row, each.name) for each in FIGURES),
         has_scene=row.has_scene,
     )
 
@@ -201,23 +219,29 @@ def make_headings(
         find_address: returns the address of the list in an order, written as text.
         now: its present order; None where no column sorts it.
     """
-    return tuple(
-        Heading(
-            column=column,
-            label=label,
-            # Robustness has the unit of its world; all others have theirs everywhere.
-            unit=unit if column != "robustness_m" else find_robustness_unit(spec),
-            is_minor=is_minor,
-            address=find_address(str(turn_order(filters.SortOrder(column, first), now))),
-            order=order(now) if now and now.column == column else "",
-        )
-        for column, label, unit, is_minor, first in FIGURES
+    # Robustness has the unit of its world; all others have theirs everywhere.
+    units = {"robustness_m": find_robustness_unit(spec)}
+    shown = (each._replace(unit=units.get(each.name, each.unit)) for each in FIGURES)
+    return tuple(make_heading(each, now, lambda sort: find_address(str(sort))) for each in shown)
+
+
+def make_heading(
+    shown: SortedColumn,
+    now: filters.SortOrder | None,
+    find_address: Callable[[filters.SortOrder], str],
+) -> Heading:
+    """Return the head of a column: it offers the more interesting end first, then the reverse."""
+    offered = filters.SortOrder(shown.name, shown.largest_first)
+    if offered == now:
+        offered = filters.SortOrder(shown.name, not shown.largest_first)
+    return Heading(
+        column=shown.name,
+        label=shown.label,
+        unit=shown.unit,
+        is_minor=shown.is_minor,
+        address=find_address(offered),
+        order=order(now) if now and now.column == shown.name else "",
     )
-
-
-def turn_order(first: filters.SortOrder, now: filters.SortOrder | None) -> filters.SortOrder:
-    """Return the order to offer: the more interesting end first, or the reverse of it."""
-    return filters.SortOrder(first.column, not first.descending) if first == now else first
 
 
 def order(sort: filters.SortOrder) -> str:

@@ -41,30 +41,23 @@ class FailureQuery(NamedTuple):
 
 
 class FailureForm(NamedTuple):
-    """Fields of the form about campaigns; an empty one is no condition."""
+    """Fields of the form about campaigns, as in the address; an empty one is no condition."""
 
-    project: str
-    planner: str
-    planner_version: str
-    method: str
-
-
-def read_campaign_fields(
-    project: Words = "", planner: Words = "", planner_version: Words = "", method: Words = ""
-) -> FailureForm:
-    """Return the fields of a request about campaigns."""
-    return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
+    project: Words = ""
+    planner: Words = ""
+    planner_version: Words = ""
+    method: Words = ""
 
 
 def parse_request(
-    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
+    campaigns: Annotated[FailureForm, Depends()],
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
     """Return what an address asks for."""
     # Parsed only to refuse a wrong order before anything is read.
     parse_failure_sort(sort)
-    of_campaign = campaigns._asdict()
+    of_campaign = {name: text.strip() for name, text in campaigns._asdict().items()}
     given = {
         **of_campaign,
         "archived": "true" if archived else "",
@@ -86,18 +79,14 @@ def show_failures(
     found, is_gone = _read_page(store, asked, after, most_severe_first=descending)
     after = None if is_gone else after
     campaigns = store.failures.read_campaigns(found.items)
-    turned = str(SortOrder("severity", not descending))
     return page(
         "all_failures.html",
         [(row, campaigns[row.campaign].spec, _write_place(row, campaigns)) for row in found.items],
         query=asked.query,
-        severity=episodes_page.Heading(
-            "severity",
-            "Severity",
-            "m²/s²",
-            False,
-            _write_address(asked.query, sort=turned),
-            episodes_page.order(SortOrder("severity", descending)),
+        severity=episodes_page.make_heading(
+            episodes_page.SortedColumn("severity", "Severity", "m²/s²", is_minor=False),
+            SortOrder("severity", descending),
+            lambda sort: _write_address(asked.query, sort=str(sort)),
         ),
         describe=episodes_page.describe_conflict,
         cell=episodes_page.format_cell,

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 from fastapi import APIRouter
@@ -83,20 +84,15 @@ def list_links(member: MemberReport) -> Iterator[PageLink]:
             yield PageLink("Failure modes of both releases", f"/releases/{now}")
 
 
-def link_episode(place: str) -> PageLink:
-    """Return an episode as a link; a text that names none has no address."""
+def link_pair(text: str, address: str, place: str) -> PageLink:
+    """Return an episode or a failure mode as a link; what names none has no address."""
     # The report holds what the gate was given, which need not be an address of this service.
     match = _PAIR.fullmatch(place)
-    return PageLink(place, f"/campaigns/{match[1]}/episodes/{match[2]}" if match else "")
-
-
-def link_mode(place: str) -> PageLink:
-    """Return a failure mode as a link; a text that names none has no address."""
-    match = _PAIR.fullmatch(place)
-    if match is None:
-        return PageLink(place)
-    text = f"mode {match[2]} of analysis {match[1]}"
-    return PageLink(text, f"/analyses/{match[1]}/modes/{match[2]}")
+    return (
+        PageLink(text.format(*match.groups()), address.format(*match.groups()))
+        if match
+        else PageLink(place)
+    )
 
 
 def join_counts(counts: Mapping[GateVerdict, int]) -> str:
@@ -121,6 +117,6 @@ def show_gate(store: Stored, gate: GateId) -> HTMLResponse:
         tones=TONES,
         marks=MARKS,
         join_counts=join_counts,
-        link_episode=link_episode,
-        link_mode=link_mode,
+        link_episode=partial(link_pair, "{}/{}", "/campaigns/{}/episodes/{}"),
+        link_mode=partial(link_pair, "mode {1} of analysis {0}", "/analyses/{}/modes/{}"),
     )

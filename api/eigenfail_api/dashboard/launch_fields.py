@@ -2,12 +2,13 @@
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
 
 from eigenfail.suites import read_path, set_path
+from eigenfail_api.openapi import parse_attributes
 
 NONE = "none"
 """Value that switches off an option which is on by default."""
@@ -24,38 +25,24 @@ def read_number(text: str) -> int | float | str:
     return float(text) if NUMBER.fullmatch(text) else text
 
 
-def read_optional(text: str) -> int | float | str | None:
-    """Return a typed number, or None for the word `none`."""
-    return None if text == NONE else read_number(text)
+def parse_text(kind: str, text: str) -> Any:
+    """Return the value that a text is for a kind of field.
 
-
-def read_list(text: str) -> list[int | float | str]:
-    """Return comma-separated numbers or words as a list."""
-    return [read_number(part.strip()) for part in text.split(",") if part.strip()]
-
-
-def read_words(text: str) -> list[str]:
-    """Return comma-separated words as a list; digits stay text."""
-    return [part.strip() for part in text.split(",") if part.strip()]
-
-
-def read_table(text: str) -> Any:
-    """Return the value of a JSON text; return the text if it is not JSON."""
-    try:
-        return msgspec.json.decode(text)
-    # The check of the spec says what is wrong, with the name of the field.
-    except (msgspec.DecodeError, RecursionError):
-        return text
-
-
-def read_switch(text: str) -> bool | str:
-    """Return True or False; return any other text as it is."""
-    return {"true": True, "false": False}.get(text, text)
-
-
-def read_word(text: str) -> str:
-    """Return the text itself."""
-    return text
+    A text that is no such value stays a text: the check of the spec says what is wrong with it, and
+    names the field.
+    """
+    if kind in ("list", "words"):
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        # Digits stay text among words: a tag may be a number.
+        return parts if kind == "words" else list(map(read_number, parts))
+    if kind in ("number", "varied", "optional"):
+        return None if kind == "optional" and text == NONE else read_number(text)
+    if kind == "table":
+        try:
+            return msgspec.json.decode(text)
+        except (msgspec.DecodeError, RecursionError):
+            return text
+    return {"true": True, "false": False}.get(text, text) if kind == "switch" else text
 
 
 def format_field(value: Any) -> str:
@@ -75,7 +62,12 @@ WORTH_TELLING = 1e15
 """Larger bounds are those of computers, not of the matter."""
 
 IN_BRACKETS = re.compile(r"\s*\[(?P<unit>[^\]]{1,12})\]\.?\s*$")
-ENTRY = re.compile(r"^ {4}(?P<name>\w+): (?P<text>.*)$")
+LIMITS = {
+    "minimum": "at least",
+    "exclusiveMinimum": "above",
+    "maximum": "at most",
+    "exclusiveMaximum": "below",
+}
 UNITS = {
     "_usd_per_hour": "USD/h",
     "_usd": "USD",
@@ -172,8 +164,8 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
     """
     # References count from the top of the schema: nested groups need the same definitions.
     node, defs = resolve_schema(schema, schema), schema.get("$defs", {})
-    about = inspect.cleandoc(node.get("description", ""))
-    helps = dict(parse_attributes(about))
+    about, _, attributes = inspect.cleandoc(node.get("description", "")).partition("Attributes:\n")
+    helps = dict(parse_attributes(attributes))
     fields, groups = list[LaunchField](), list[LaunchGroup]()
     for label, part in node.get("properties", {}).items():
         path, inner = f"{name}.{label}", {**resolve_schema(part, schema), "$defs": defs}
@@ -186,7 +178,7 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
     return LaunchGroup(
         name=name,
         title=title,
-        about=parse_summary(about),
+        about=about.strip(),
         fields=tuple(fields),
         groups=tuple(groups),
     )
@@ -215,7 +207,8 @@ def make_field(
         step="1" if plain.get("type") == "integer" else "any",
         least=format_field(plain["minimum"]) if "minimum" in plain else "",
         most=format_field(plain["maximum"]) if "maximum" in plain else "",
-        default=read_default(part),
+        # Empty lists and tables look like nothing in a form.
+        default="" if part.get("default", {}) in ([], {}) else format_field(part["default"]),
         bounds="" if "JSON" in help_text else describe_bounds(plain, kind, schema),
         unit=unit,
         help=help_text,
@@ -227,13 +220,6 @@ def make_field(
 def describe_items(part: Schema, schema: Schema) -> Schema:
     """Return the schema of the items of a list."""
     return unwrap_optional(part.get("items", {}), schema)
-
-
-def read_default(part: Schema) -> str:
-    """Return the value that holds if nothing is entered."""
-    value = part.get("default")
-    # Empty lists and tables look like nothing in a form.
-    return "" if "default" not in part or value in ([], {}) else format_field(value)
 
 
 def resolve_schema(part: Schema, schema: Schema) -> Schema:
@@ -268,23 +254,15 @@ def describe_bounds(part: Schema, kind: str, schema: Schema) -> str:
     if kind == "table":
         is_list = part.get("type") == "array"
         return 'JSON, such as [{"name": "speed"}]' if is_list else 'JSON, such as {"alpha": 100}'
-    low = describe_bound(part, "at least", "minimum", "above", "exclusiveMinimum")
-    high = describe_bound(part, "at most", "maximum", "below", "exclusiveMaximum")
+    limits = [
+        f"{words} {format_bound(part[name])}"
+        for name, words in LIMITS.items()
+        # Bounds of 64 bits are no advice to a person.
+        if name in part and abs(part[name]) <= WORTH_TELLING
+    ]
     whole = ["whole"] if part.get("type") == "integer" else []
     off = [f"“{NONE}” disables it"] if kind == "optional" else []
-    return ", ".join([*whole, *low, *high, *off])
-
-
-def describe_bound(
-    part: Schema, closed: str, inclusive: str, opened: str, exclusive: str
-) -> list[str]:
-    """Return a bound in words, as a list of one or none."""
-    # Bounds of 64 bits are no advice to a person.
-    if abs(part.get(inclusive, 0)) > WORTH_TELLING:
-        return []
-    if inclusive in part:
-        return [f"{closed} {format_bound(part[inclusive])}"]
-    return [f"{opened} {format_bound(part[exclusive])}"] if exclusive in part else []
+    return ", ".join([*whole, *limits, *off])
 
 
 def format_bound(value: float) -> str:
@@ -292,42 +270,10 @@ def format_bound(value: float) -> str:
     return f"{int(value):,}" if value == int(value) else f"{value:g}"
 
 
-def parse_attributes(about: str) -> Iterator[tuple[str, str]]:
-    """Yield each attribute of a docstring with its description."""
-    name, words = "", list[str]()
-    for line in about.partition("Attributes:\n")[2].splitlines():
-        if match := ENTRY.match(line):
-            if name:
-                yield name, " ".join(words)
-            name, words = match["name"], [match["text"]]
-        elif line.startswith(" " * 8):
-            words.append(line.strip())
-    if name:
-        yield name, " ".join(words)
-
-
-def parse_summary(about: str) -> str:
-    """Return the part of a docstring before its attributes."""
-    return about.partition("Attributes:")[0].strip()
-
-
 HOW, LOW, HIGH, CHOICES = ".how", ".low", ".high", ".choices"
 
 
 FIXED, UNIFORM, CHOICE = "fixed", "uniform", "choice"
-
-
-READERS: Mapping[str, Callable[[str], Any]] = {
-    "number": read_number,
-    "varied": read_number,
-    "text": read_word,
-    "choice": read_word,
-    "optional": read_optional,
-    "switch": read_switch,
-    "list": read_list,
-    "words": read_words,
-    "table": read_table,
-}
 
 
 class LaunchEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -379,19 +325,16 @@ class Texts(msgspec.Struct, frozen=True):
         table = read_path(dict(self.base), tuple(above)) if above else self.base
         if not isinstance(table, Mapping) or label not in table:
             return LaunchEntry()
-        if table[label] is None and field.kind != "optional":
-            return LaunchEntry()
-        return as_entry(table[label])
-
-
-def as_entry(value: Any) -> LaunchEntry:
-    """Return a value of an earlier campaign as the content of a field."""
-    match value:
-        case {"uniform": [low, high]}:
-            return LaunchEntry(how=UNIFORM, low=format_field(low), high=format_field(high))
-        case {"choice": [*values]}:
-            return LaunchEntry(how=CHOICE, choices=format_field(values))
-    return LaunchEntry(text=format_field(value))
+        match table[label]:
+            # What is off unless it is given needs no word; what is on by default does.
+            case None if field.kind != "optional":
+                return LaunchEntry()
+            case {"uniform": [low, high]}:
+                return LaunchEntry(how=UNIFORM, low=format_field(low), high=format_field(high))
+            case {"choice": [*values]}:
+                return LaunchEntry(how=CHOICE, choices=format_field(values))
+            case value:
+                return LaunchEntry(text=format_field(value))
 
 
 def make_body(fields: Iterable[LaunchField], texts: Texts) -> dict[str, Any]:
@@ -409,10 +352,10 @@ def parse_value(field: LaunchField, entry: LaunchEntry) -> tuple[Any, ...]:
     if entry.how == UNIFORM:
         return ({"uniform": [read_number(entry.low), read_number(entry.high)]},)
     if entry.how == CHOICE:
-        return ({"choice": read_list(entry.choices)},)
+        return ({"choice": parse_text("list", entry.choices)},)
     if not entry.text:
         return ()
-    return (READERS[field.kind](entry.text),)
+    return (parse_text(field.kind, entry.text),)
 
 
 def format_entry(entry: LaunchEntry) -> str:

@@ -1,6 +1,6 @@
 """The order of the fields of the launch form, with their labels and help."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -37,7 +37,7 @@ SHAPES: Mapping[str, str] = SPEC["$defs"]["DisturbanceModel"]["properties"]["sha
 SHAPE = "disturbance.shape"
 
 
-class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
+class LaunchPart(msgspec.Struct, frozen=True):
     """A section of the form.
 
     Attributes:
@@ -50,7 +50,7 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
 
     id: str
     title: str
-    fields: tuple[launch_fields.LaunchField, ...]
+    fields: tuple[launch_fields.LaunchField, ...] = ()
     summary: str = ""
     problem: str = ""
     settings: launch_fields.LaunchGroup | None = None
@@ -58,35 +58,22 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
 
 def make_layout(texts: launch_fields.Texts) -> tuple[LaunchPart, ...]:
     """Return all parts of the form for the present choices."""
+    method = choose_plugin(texts, "method", FIRST_METHOD)
+    disturbance, rules = make_disturbance_group(texts), group("StopRules", "stop", "Rules")
     return (
-        LaunchPart(
-            id="campaign",
-            title=Section.CAMPAIGN,
-            fields=make_own_fields(*_list_fields(Section.CAMPAIGN)),
-        ),
-        make_plugin_part(
-            "method", plugins.METHODS, settings_of, choose_plugin(texts, "method", FIRST_METHOD)
-        ),
+        make_section_part("campaign", Section.CAMPAIGN),
+        make_plugin_part("method", plugins.METHODS, settings_of, method),
         *make_world_parts(texts),
-        LaunchPart(
-            id="disturbance",
-            title="Disturbance model",
-            fields=(),
-            settings=make_disturbance_group(texts),
-        ),
-        LaunchPart(
-            id="stop", title="Stop rules", fields=(), settings=group("StopRules", "stop", "Rules")
-        ),
-        LaunchPart(
-            id="records",
-            title=Section.RECORDS,
-            fields=make_own_fields(*_list_fields(Section.RECORDS)),
-        ),
+        LaunchPart("disturbance", "Disturbance model", settings=disturbance),
+        LaunchPart("stop", "Stop rules", settings=rules),
+        make_section_part("records", Section.RECORDS),
     )
 
 
-def _list_fields(section: Section) -> Iterator[str]:
-    return (name for name, field in SPEC_FIELDS.items() if field.section is section)
+def make_section_part(name: str, section: Section) -> LaunchPart:
+    """Return the part for the fields of a section of the spec."""
+    names = (each for each, field in SPEC_FIELDS.items() if field.section is section)
+    return LaunchPart(name, section, make_own_fields(*names))
 
 
 def make_world_parts(texts: launch_fields.Texts) -> tuple[LaunchPart, ...]:
@@ -114,31 +101,27 @@ def make_function_parts(swapping: launch_fields.LaunchField) -> tuple[LaunchPart
     schema = msgspec.json.schema(functions.FunctionParameters)
     parameters = launch_fields.group_of(schema, "scenario_parameters", "Parameters")
     only = make_choice_field("scenario", (functions.SCENARIO,), functions.SCENARIO)
-    planner = replace(
-        make_own_fields("planner")[0], default="", help=FUNCTION_PLANNER, required=True
-    )
+    planner = make_name_field("planner", FUNCTION_PLANNER)
     return (
-        LaunchPart(id="scenario", title="Scenario", fields=(swapping, only), settings=parameters),
-        LaunchPart(id="planner", title="Planner", fields=(planner,)),
+        LaunchPart("scenario", "Scenario", (swapping, only), settings=parameters),
+        LaunchPart("planner", "Planner", (planner,)),
     )
 
 
 def make_bridge_parts(swapping: launch_fields.LaunchField) -> tuple[LaunchPart, ...]:
     """Return the part for a bridge, whose parameters and settings are known only to itself."""
-    scenario, planner = (
-        replace(make_own_fields(name)[0], default="", help=BRIDGE_NAME, required=True)
-        for name in WORLD
-    )
+    scenario, planner = (make_name_field(name, BRIDGE_NAME) for name in WORLD)
+    # Both are tables: without a schema there is nothing to make single fields of.
+    parameters, settings = make_own_fields("scenario_parameters", "planner_settings")
     return (
-        LaunchPart(
-            id="scenario",
-            title="Scenario",
-            fields=(swapping, scenario, *make_own_fields("scenario_parameters")),
-        ),
-        LaunchPart(
-            id="planner", title="Planner", fields=(planner, *make_own_fields("planner_settings"))
-        ),
+        LaunchPart("scenario", "Scenario", (swapping, scenario, parameters)),
+        LaunchPart("planner", "Planner", (planner, settings)),
     )
+
+
+def make_name_field(name: str, help_text: str) -> launch_fields.LaunchField:
+    """Return a field of the spec for a name that no list has, and that has no default."""
+    return replace(make_own_fields(name)[0], default="", help=help_text, required=True)
 
 
 PARTS_WITHOUT_PLUGINS: Mapping[
@@ -155,22 +138,22 @@ def make_plugin_part(
     """Return the choice of a plug-in with the settings of the chosen one."""
     known = plugins.names(entry_points)
     found = describe_plugin(entry_points, wanted, kind) if wanted in known else PluginInfo(wanted)
-    field = "scenario_parameters" if name == "scenario" else SETTINGS[name]
-    title = "Parameters" if name == "scenario" else "Settings"
-    return LaunchPart(
-        id=name,
-        title=name.capitalize(),
-        # An unknown name stays in the list, so that its problem can be shown.
-        fields=(make_choice_field(name, tuple(dict.fromkeys((*known, wanted))), wanted),),
-        summary=found.summary,
-        problem=found.problem,
-        settings=launch_fields.group_of(found.settings, field, title, varied=name == "scenario")
-        if found.settings
-        else None,
-    )
+    path, title = SETTINGS[name]
+    settings = None
+    if found.settings:
+        # Only what a scenario is built from may be drawn anew for each episode.
+        settings = launch_fields.group_of(found.settings, path, title, varied=name == "scenario")
+    # An unknown name stays in the list, so that its problem can be shown.
+    choice = make_choice_field(name, tuple(dict.fromkeys((*known, wanted))), wanted)
+    return LaunchPart(name, name.capitalize(), (choice,), found.summary, found.problem, settings)
 
 
-SETTINGS = {"method": "settings", "planner": "planner_settings"}
+SETTINGS = {
+    "method": ("settings", "Settings"),
+    "scenario": ("scenario_parameters", "Parameters"),
+    "planner": ("planner_settings", "Settings"),
+}
+"""Path and title of the settings of each kind of plug-in."""
 
 
 def choose_plugin(texts: launch_fields.Texts, name: str, default: str) -> str:

@@ -1,6 +1,7 @@
 """The page that launches a campaign, and the form that it checks."""
 
 import tomllib
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import urlencode
@@ -96,17 +97,16 @@ def make_shown_fields(
 ) -> dict[str, LaunchPage]:
     """Return every field with its text and its error."""
     began = launch_fields.Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
-    words: dict[str, str] = {}
-    # Several problems of one field stand in one sentence below it.
+    words = defaultdict[str, list[str]](list)
     for trouble in troubles:
         if trouble.field:
-            before = words.get(trouble.field.name)
-            words[trouble.field.name] = f"{before} {trouble.words}" if before else trouble.words
+            words[trouble.field.name].append(trouble.words)
     return {
         field.name: LaunchPage(
             field=field,
             entry=texts.entry(field),
-            problem=words.get(field.name, ""),
+            # Several problems of one field stand in one paragraph below it.
+            problem=" ".join(words[field.name]),
             before=find_changed_text(field, texts, began),
             swaps=field.name in SWAPS,
         )
@@ -120,10 +120,7 @@ def find_changed_text(
     """Return the earlier campaign's text in a field; None if it is the same."""
     if began is None:
         return None
-    now, before = (
-        launch_fields.format_entry(texts.entry(field)),
-        launch_fields.format_entry(began.entry(field)),
-    )
+    now, before = (launch_fields.format_entry(each.entry(field)) for each in (texts, began))
     default = f"its default ({field.default})" if field.default else "its default"
     return None if now == before else before or default
 
@@ -148,14 +145,13 @@ def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> dict[str, object
     }
 
 
-def is_told(one: LaunchPage) -> bool:
-    """Return whether a field holds more than its default."""
-    return bool(launch_fields.format_entry(one.entry) or one.problem or one.before)
-
-
 def count_given(group: launch_fields.LaunchGroup, shown: Mapping[str, LaunchPage]) -> int:
     """Return how many fields of a group hold more than their default."""
-    return sum(is_told(shown[field.name]) for field in group.all_fields())
+    fields = (shown[field.name] for field in group.all_fields())
+    return sum(
+        bool(launch_fields.format_entry(each.entry) or each.problem or each.before)
+        for each in fields
+    )
 
 
 MOST_PRECEDENTS = 100
@@ -279,14 +275,26 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dic
 def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
     """Return the fields of a campaign's file, and why it cannot be imported, if so."""
     try:
-        table = tomllib.loads(text)
-    # A number of too many digits is a plain ValueError.
-    except (ValueError, RecursionError) as error:
-        return {}, (InvalidValue(TOML, f"The file is not TOML: {error}."),)
+        table = read_toml(text, TOML)
+    except InvalidValue as error:
+        return {}, (error,)
     if describes_suite(table):
         remedy = "Launch it on the page of a new suite."
         return {}, (InvalidValue(TOML, "The file is a suite of campaigns.", remedy),)
     return table, ()
+
+
+def read_toml(text: str, field: str) -> dict[str, Any]:
+    """Return the table of a TOML file.
+
+    Raises:
+        InvalidValue: the text is not TOML, or nested too deeply.
+    """
+    try:
+        return tomllib.loads(text)
+    # A number of too many digits is a plain ValueError.
+    except (ValueError, RecursionError) as error:
+        raise InvalidValue(field, f"The file is not TOML: {error}.") from None
 
 
 def refuse_strangers(typed: Mapping[str, str]) -> None:

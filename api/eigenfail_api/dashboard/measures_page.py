@@ -1,5 +1,9 @@
-"""Safety, cost and workers of a campaign: a part of its page that takes longer to compute."""
+"""Safety, cost, workers and failing region of a campaign, which take longer to compute.
 
+They are parts of the campaign's page, and pages of their own.
+"""
+
+from anyio.to_thread import run_sync
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
@@ -11,19 +15,27 @@ from eigenfail.presentation.figures import (
     format_number,
     format_usd,
 )
-from eigenfail.presentation.tables import FormattedCell, Table, format_cost
+from eigenfail.presentation.tables import (
+    FormattedCell,
+    Table,
+    format_cost,
+    read_number,
+    read_text,
+    tabulate,
+)
 from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.records import IN_WORDS
 from eigenfail.values.safety import FailurePoint, Safety, Scatter
 from eigenfail.values.summary import CampaignCost, TimeSplit
 from eigenfail.worlds import world_of
-from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
+from eigenfail_api.dashboard.charts import Chart, round_values, tabulate_first
 from eigenfail_api.dashboard.overview_page import MOST_LINES
 from eigenfail_api.dashboard.rendering import Tile, page, write_time
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.routes.analyses import COSTS
+from eigenfail_api.routes.analyses import COSTS, REGIONS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
 from eigenfail_services.campaigns.resolution import list_drawn
+from eigenfail_services.comparison.region import find_region_in_process
 
 NOT_CLASSIFIED = "not classified"
 COLLISION = "collision, "
@@ -32,13 +44,16 @@ COLLISION = "collision, "
 def make_scatter_chart(scatter: Scatter) -> Chart:
     """Return the chart of the failures' likelihood and severity."""
     points = scatter.points
+    # That all are drawn needs no words.
+    counts = f"{format_count(len(points))} of {format_count(scatter.of)}."
+    drawn = counts if len(points) < scatter.of else ""
     return Chart(
         id="likelihood-chart",
         kind="likelihood",
         title="Likelihood and severity of failures",
         caption=(
             "Each failure: log-probability of its noise per step, and severity [m²/s²]. Up and to "
-            f"the right are the likely and severe ones. {describe_coverage(scatter)}"
+            f"the right are the likely and severe ones. {drawn}"
         ),
         data={
             "index": [point.index for point in points],
@@ -46,17 +61,13 @@ def make_scatter_chart(scatter: Scatter) -> Chart:
             "severity": round_values(point.severity for point in points),
             "kind": [describe_kind(point) for point in points],
         },
-        columns=("Episode", "log p per step", "Severity [m²/s²]", "Class"),
-        cells=tuple(
-            (
-                str(point.index),
-                point.log_probability_per_step,
-                point.severity,
-                describe_kind(point),
-            )
-            for point in points[:MOST_ROWS]
+        table=tabulate_first(
+            points,
+            read_text("Episode", lambda point: str(point.index)),
+            read_number("log p per step", "log_probability_per_step"),
+            read_number("Severity", "severity", "m²/s²"),
+            read_text("Class", describe_kind),
         ),
-        note=f"The first {MOST_ROWS}." if len(points) > MOST_ROWS else "",
     )
 
 
@@ -64,14 +75,6 @@ def describe_kind(point: FailurePoint) -> str:
     """Return the class of a collision: unavoidable, planner failure, or not classified."""
     words = IN_WORDS[point.conflict] if point.conflict else NOT_CLASSIFIED
     return words.removeprefix(COLLISION)
-
-
-def describe_coverage(scatter: Scatter) -> str:
-    """Return how many of the failures are drawn."""
-    # That all are drawn needs no words.
-    if len(scatter.points) >= scatter.of:
-        return ""
-    return f"{format_count(len(scatter.points))} of {format_count(scatter.of)}."
 
 
 PARTS = {
@@ -112,16 +115,14 @@ def make_curve_chart(found: CampaignCost) -> Chart:
             "failures": [point.failures for point in points],
             "modes": [point.modes for point in points] if known else None,
         },
-        columns=("USD", "Active [s]", "Episodes", "Failures", "Modes"),
-        cells=tuple(
-            (
-                format_usd(point.usd),
-                point.active_s,
-                point.completed,
-                point.failures,
-                None if point.modes is None else str(point.modes),
-            )
-            for point in points
+        table=tabulate(
+            "",
+            points,
+            read_text("USD", lambda point: format_usd(point.usd)),
+            read_number("Active", "active_s", "s"),
+            read_number("Episodes", "completed"),
+            read_number("Failures", "failures"),
+            read_number("Modes", "modes"),
         ),
     )
 
@@ -194,3 +195,18 @@ def read_measures(campaign: Campaign, found: CampaignFigures) -> dict[str, objec
     """Return safety, cost and workers of a campaign."""
     workers = campaigns.tabulate_workers(found.workers, _make_time_cell, MOST_LINES)
     return make_measures_view(campaign, found.safety, found.cost, workers)
+
+
+@router.get("/campaigns/{campaign}/region")
+def show_region(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """Show the page on which the failing region of a campaign appears."""
+    # The region takes seconds to find: the page stands first, and then asks for the boxes.
+    return page("region.html", store.campaigns.get(campaign), found=())
+
+
+@router.get("/campaigns/{campaign}/region/boxes")
+async def show_boxes(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """Show the failing region of a campaign, which its page loads later."""
+    found = await REGIONS.do(find_region_in_process, store, (campaign,))
+    seen = await run_sync(store.campaigns.get, campaign)
+    return page("region.html", seen, found=campaigns.describe_region(found))

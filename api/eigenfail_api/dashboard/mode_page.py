@@ -31,11 +31,14 @@ from eigenfail.values.triage import (
 from eigenfail.wire.http import read_fields
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.access.change_details import record_form
+from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
 from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.dashboard.scene import describe_first, make_overlay_chart
 from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_form
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
+from eigenfail_services.campaigns.recordings import OverlayBounds, load_mode_recordings
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
@@ -93,24 +96,15 @@ def list_mode_tiles(
     skipped = sum(each.counts.failures for each in campaigns) - analysed
     # The cost of all failures is divided by the analysed ones: with the others, the mode could only
     # have more failures.
-    more = (
-        (f"{figures.count_noun(skipped, 'failure')} not analysed: an upper bound",)
-        if skipped
-        else ()
-    )
-    tiles = [
-        (
-            "Failures",
-            Tile(
-                figures.format_count(mode.failures),
-                (f"{figures.format_share(card.share)} of those analysed",),
-            ),
-        )
-    ]
+    more = f"{figures.count_noun(skipped, 'failure')} not analysed: an upper bound"
+    share = f"{figures.format_share(card.share)} of those analysed"
+    tiles = [("Failures", Tile(figures.format_count(mode.failures), (share,)))]
     if card.mode.probability:
         value, *notes = format_cell(card.mode.probability).lines
         tiles.append(("Probability under p(x)", Tile(value, tuple(notes))))
-    cost = Tile(figures.format_amount(total_usd / mode.failures), (basis, *more))
+    cost = Tile(
+        figures.format_amount(total_usd / mode.failures), (basis, more) if skipped else (basis,)
+    )
     strength = Tile(f"{figures.format_number(card.strength)} sigma")
     tiles += [
         ("Cost per failure of the mode", cost),
@@ -216,3 +210,29 @@ def triage_mode(
 
     store.analyses.change_triage(analysis, mode, read_change(form), who, refuse_newer)
     return RedirectResponse(f"/analyses/{analysis}/modes/{mode}#triage", SEE_OTHER)
+
+
+BOUNDS = OverlayBounds(episodes=100, drawn_poses=500_000, kept_poses=100_000)
+"""100,000 poses are about 2 MB of the page, and 100 failures are drawn in the time of a frame."""
+
+OVERLAYS = Depends(ConcurrencyLimit("overlays"), scope="function")
+
+
+@router.get("/analyses/{analysis}/modes/{mode}/overlay", dependencies=[OVERLAYS])
+def show_overlay(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> HTMLResponse:
+    """Show the failures of a mode over each other, which the page loads when a user opens it."""
+    found, seen = store.analyses.mode(analysis, mode), store.analyses.get(analysis)
+    noun, recordings, problem = read_result(seen).cluster_noun, None, ""
+    try:
+        recordings = load_mode_recordings(store, seen, mode, BOUNDS)
+    except Conflict as error:
+        problem = f"{error.problem} {error.remedy}".strip()
+    return page(
+        "overlay.html",
+        recordings,
+        mode=found,
+        noun=noun,
+        problem=problem,
+        first=describe_first(recordings) if recordings else "",
+        scene=make_overlay_chart(recordings, f"overlay-{analysis}-{mode}") if recordings else None,
+    )

@@ -1,31 +1,25 @@
 """Charts of several campaigns: their courses and costs, drawn over one another."""
 
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
 
 from eigenfail.presentation import figures
+from eigenfail.presentation.campaigns import find_purchase, list_amounts
 from eigenfail.presentation.rates import name_rates
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.summary import CampaignCost, CostPoint, Course
+from eigenfail.values.summary import CampaignCost, Course
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import (
     MOST_ROWS,
     Chart,
     format_bounds,
     format_span,
+    list_rows,
     round_values,
 )
-
-STEPS = 10
-"""Rows of the table."""
-
-
-ROUNDING = 1e-9
-
 
 FINDS = {"failures": "Failures", "modes": "Distinct modes"}
 
@@ -38,7 +32,7 @@ def make_bill_charts(*sides: Sequence[CampaignCost]) -> tuple[Chart, ...]:
         for cost in bills
     }
     charts = (make_bill_chart(f"bill-{find}-chart", find, costs) for find in FINDS)
-    return tuple(chart for chart in charts if chart.cells)
+    return tuple(chart for chart in charts if chart.table.rows)
 
 
 def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> Chart:
@@ -58,32 +52,27 @@ def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> 
     for title, cost in known.items():
         found = [getattr(point, find) for point in cost.curve]
         lines.append(draw_line(title, [point.usd for point in cost.curve], found))
-    # All lines end where the most expensive campaign does, so that they can be compared.
-    most = max((cost.cost.total_usd for cost in known.values()), default=0.0)
-    amounts = [most * step / STEPS for step in range(1, STEPS + 1)] if most else []
+
+    def count_found(cost: CampaignCost, usd: float) -> int | None:
+        point = find_purchase(cost, usd)
+        found: int | None = None if point is None else getattr(point, find)
+        return found
+
     return Chart(
         id=name,
         kind="overlay",
         title=f"{FINDS[find]} against cost",
         caption=f"{FINDS[find]} found by accumulated cost, one line per campaign.",
         data={"x": "USD", "y": FINDS[find], "look": "steps", "lines": lines},
-        columns=("USD", *known),
-        cells=tuple(
-            (usd, *(count_found(find, cost, usd) for cost in known.values())) for usd in amounts
+        table=list_rows(
+            ("USD", *known),
+            (
+                (usd, *(count_found(cost, usd) for cost in known.values()))
+                for usd in list_amounts(known.values())
+            ),
+            "–: no further cost.",
         ),
-        note="–: no further cost.",
     )
-
-
-def count_found(find: str, cost: CampaignCost, usd: float) -> int | None:
-    """Return the number that a campaign had found at a cost; a dash once nothing more was spent."""
-    # The last amount is the total itself, up to the rounding of the division above.
-    if usd > cost.cost.total_usd * (1.0 + ROUNDING):
-        return None
-    spent = [point.usd for point in cost.curve]
-    point: CostPoint = cost.curve[max(bisect_right(spent, usd * (1.0 + ROUNDING)) - 1, 0)]
-    found: int | None = getattr(point, find)
-    return found
 
 
 MOST_POINTS = 600
@@ -122,7 +111,7 @@ def make_overlays(compared: Sequence[Compared]) -> tuple[Chart, ...]:
         make_severity_chart(compared),
         make_distance_chart(compared),
     )
-    return tuple(chart for chart in charts if chart.cells)
+    return tuple(chart for chart in charts if chart.table.rows)
 
 
 def make_rate_chart(compared: Sequence[Compared]) -> Chart:
@@ -144,17 +133,19 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
         caption="By blocks of episodes; the table holds the 95 % intervals of random samples."
         + _explain_searches(compared),
         data={"x": "Episode", "y": f"{what} [%]", "look": "lines", "lines": lines},
-        columns=("Campaign", "Episodes", what, "95 % interval"),
-        cells=tuple(
+        table=list_rows(
+            ("Campaign", "Episodes", what, "95 % interval"),
             (
-                name,
-                format_span(block),
-                figures.format_share(block.failure_rate.value),
-                format_bounds(block.failure_rate),
-            )
-            for name, block in blocks[:MOST_ROWS]
+                (
+                    name,
+                    format_span(block),
+                    figures.format_share(block.failure_rate.value),
+                    format_bounds(block.failure_rate),
+                )
+                for name, block in blocks[:MOST_ROWS]
+            ),
+            f"The first {MOST_ROWS} of {len(blocks)} rows." if len(blocks) > MOST_ROWS else "",
         ),
-        note=f"The first {MOST_ROWS} of {len(blocks)} rows." if len(blocks) > MOST_ROWS else "",
     )
 
 
@@ -173,11 +164,15 @@ def _explain_searches(compared: Sequence[Compared]) -> str:
 
 def make_severity_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the failures' likelihood and severity."""
-    found = {one.name: list_failures(one) for one in compared}
-    points = {
-        name: [(row.log_probability / max(row.steps, 1), row.severity or 0.0) for row in rows]
-        for name, rows in found.items()
-    }
+    points: dict[str, list[tuple[float, float]]] = {}
+    for one in compared:
+        failures = [row for row in one.rows if row.outcome.is_failure and row.severity]
+        # Every n-th, rounded up, so that at most so many are left; evenly over the campaign.
+        every = -(-len(failures) // MOST_POINTS) or 1
+        points[one.name] = [
+            (row.log_probability / max(row.steps, 1), row.severity or 0.0)
+            for row in failures[::every]
+        ]
     lines = [
         draw_line(name, [x for x, _ in each], [y for _, y in each]) for name, each in points.items()
     ]
@@ -190,20 +185,15 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
             "is likelier, farther up is worse."
         ),
         data={"x": "log p per step", "y": "Severity [m²/s²]", "look": "marks", "lines": lines},
-        columns=("Campaign", "Failures drawn", "Median log p per step", "Median severity [m²/s²]"),
-        cells=tuple(
-            (name, len(each), *map(float, np.median(each, axis=0)))
-            for name, each in points.items()
-            if each
+        table=list_rows(
+            ("Campaign", "Failures drawn", "Median log p per step", "Median severity [m²/s²]"),
+            (
+                (name, len(each), *map(float, np.median(each, axis=0)))
+                for name, each in points.items()
+                if each
+            ),
         ),
     )
-
-
-def list_failures(one: Compared) -> list[EpisodeRow]:
-    """Return failures of the sample, thinned evenly."""
-    found = [row for row in one.rows if row.outcome.is_failure and row.severity]
-    # Every n-th, rounded up, so that at most so many are left; evenly over the campaign.
-    return found[:: -(-len(found) // MOST_POINTS) or 1]
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
@@ -232,11 +222,14 @@ def make_distance_chart(compared: Sequence[Compared]) -> Chart:
             "look": "lines",
             "lines": lines,
         },
-        columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in QUANTILES)),
-        cells=tuple(
-            (name, len(found), *map(float, np.quantile(found, QUANTILES))) for name, found in known
+        table=list_rows(
+            ("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in QUANTILES)),
+            (
+                (name, len(found), *map(float, np.quantile(found, QUANTILES)))
+                for name, found in known
+            ),
+            f"Quantiles of robustness{unit}.",
         ),
-        note=f"Quantiles of robustness{unit}.",
     )
 
 

@@ -15,7 +15,7 @@ from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, Ca
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
 from eigenfail.values.summary import Summary
 from eigenfail_api.dashboard import cost_charts
-from eigenfail_api.dashboard.episodes_page import Heading, order
+from eigenfail_api.dashboard.episodes_page import Heading, SortedColumn, make_heading
 from eigenfail_api.dashboard.rendering import WORKING, Tile, describe_remaining, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.summary import (
@@ -122,33 +122,22 @@ class Wanted(msgspec.Struct, frozen=True):
         return any(getattr(self, name) is not None for name in FILTERS)
 
 
-HEADINGS = (
-    ("id", "Id", "", True),
-    ("name", "Campaign", "", False),
-    ("planner", "Planner", "in scenario", False),
-    ("method", "Method", "", False),
-    ("state", "State", "", False),
-    ("failures", "Failures", "rate, interval", True),
-    ("cost_per_failure_usd", "Cost per failure", "n, interval", False),
+COLUMNS = (
+    SortedColumn("id", "Id"),
+    SortedColumn("name", "Campaign", largest_first=False),
+    SortedColumn("planner", "Planner", "in scenario", largest_first=False),
+    SortedColumn("method", "Method", largest_first=False),
+    SortedColumn("state", "State", largest_first=False),
+    SortedColumn("failures", "Failures", "rate, interval"),
+    SortedColumn("cost_per_failure_usd", "Cost per failure", "n, interval", largest_first=False),
 )
-"""Order, label, unit, and whether the largest come first when it is asked for."""
 
 
 def make_campaign_headings(wanted: Wanted) -> tuple[Heading, ...]:
     """Return the heads of the columns that sort the list; the present one links to its reverse."""
-    now = wanted.sort
     return tuple(
-        Heading(
-            column=column,
-            label=label,
-            unit=unit,
-            is_minor=False,
-            address=wanted.address(
-                before=None, sort=SortOrder(column, first != (now == SortOrder(column, first)))
-            ),
-            order=order(now) if now.column == column else "",
-        )
-        for column, label, unit, first in HEADINGS
+        make_heading(each, wanted.sort, lambda sort: wanted.address(before=None, sort=sort))
+        for each in COLUMNS
     )
 
 
@@ -196,47 +185,34 @@ Sort = Annotated[str, Query(max_length=64)]
 
 
 class FormFilters(NamedTuple):
-    """The filters of the form; None if a field is empty."""
+    """The filters of the form, as in the address; an empty text is no condition."""
 
-    state: CampaignState | None
-    method: str | None
-    search: str | None
-    archived: bool
+    state: State = ""
+    method: Words = ""
+    search: Words = ""
+    archived: Archived = False
 
 
 class LabelFilters(NamedTuple):
-    """The filters that only addresses have; None if one is empty."""
+    """The filters that only addresses have; an empty text is no condition."""
 
-    project: str | None
-    tag: str | None
-    planner_version: str | None
-    suite: str | None
-
-
-def read_filters(
-    state: State = "", method: Words = "", search: Words = "", archived: Archived = False
-) -> FormFilters:
-    """Return the filters of a request."""
-    return FormFilters(state or None, method or None, search.strip() or None, archived)
-
-
-def read_labels(
-    project: Words = "", tag: Words = "", planner_version: Words = "", suite: Words = ""
-) -> LabelFilters:
-    """Return the filters of a request that the form does not have."""
-    return LabelFilters(project or None, tag or None, planner_version or None, suite or None)
+    project: Words = ""
+    tag: Words = ""
+    planner_version: Words = ""
+    suite: Words = ""
 
 
 @router.get("/")
 def show_overview(
     store: Stored,
-    named: Annotated[FormFilters, Depends(read_filters)],
-    labels: Annotated[LabelFilters, Depends(read_labels)],
+    named: Annotated[FormFilters, Depends()],
+    labels: Annotated[LabelFilters, Depends()],
     before: Before = None,
     sort: Sort = str(NEWEST_FIRST),
 ) -> HTMLResponse:
     """Show campaigns in an order, by default newest first."""
-    given = {**named._asdict(), **labels._asdict()}
+    texts = {**named._asdict(), **labels._asdict(), "search": named.search.strip()}
+    given = {name: value for name, value in texts.items() if value}
     wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **given)
     # The feed goes on behind this event: it is read first, so that no event falls between.
     latest, pools = store.events.last(), store.figures.pools()

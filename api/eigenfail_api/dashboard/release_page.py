@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 from typing import Annotated
 
-import msgspec
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail.presentation import releases
-from eigenfail.values.release import ModeSighting, ModeStatus
+from eigenfail.values.release import ModeStatus
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import AnalysisId, CampaignId, ModeNumber, Stored
 from eigenfail_api.routes.versions import RELEASES
@@ -31,40 +30,6 @@ MARKS: Mapping[ModeStatus, str] = {
 
 SHOWN = 10
 """Newest scenarios of which the newest version is compared on the page of all."""
-
-
-class SightingCell(msgspec.Struct, frozen=True, kw_only=True):
-    """A failure mode in a version.
-
-    Attributes:
-        version: the version.
-        status: what became of the mode, in words.
-        mark: class of the style.
-        words: why.
-        address: page of the mode in that version; empty without failures.
-    """
-
-    version: str
-    status: str
-    mark: str = ""
-    words: str = ""
-    address: str = ""
-
-
-def make_cell(sighting: ModeSighting) -> SightingCell:
-    """Return a failure mode in a version for a page."""
-    # Nothing was compared: the words say why.
-    if sighting.status is None:
-        status = releases.format_status(sighting)
-        return SightingCell(version=sighting.version, status=status, words=sighting.words)
-    has_failures = sighting.analysis is not None
-    return SightingCell(
-        version=sighting.version,
-        status=releases.format_status(sighting).capitalize(),
-        mark="" if sighting.is_baseline else MARKS[sighting.status],
-        words=sighting.words,
-        address=f"/analyses/{sighting.analysis}/modes/{sighting.mode}" if has_failures else "",
-    )
 
 
 IN_NO_RELEASE = (
@@ -99,7 +64,13 @@ def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
 def show_release(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Serve the versions that were tested as in a campaign, with their failure modes."""
     table = make_release_table(store, campaign)
-    return page("release.html", table, make_cell=make_cell, format_code=releases.format_code)
+    return page(
+        "release.html",
+        table,
+        format_code=releases.format_code,
+        format_status=releases.format_status,
+        marks=MARKS,
+    )
 
 
 @router.get("/analyses/{analysis}/modes/{mode}/history", dependencies=[RELEASES])
@@ -107,6 +78,11 @@ def show_mode_history(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> 
     """Serve what became of a mode over the releases; its page asks for it once it stands."""
     seen = store.analyses.mode(analysis, mode)
     campaign, history = find_history(store, analysis, mode) or (None, None)
-    cells = tuple(map(make_cell, history.sightings)) if history else ()
-    address = f"/releases/{campaign}#mode-{history.number}" if history else ""
-    return page("mode_history.html", seen, address=address, cells=cells, nothing=IN_NO_RELEASE)
+    return page(
+        "mode_history.html",
+        seen,
+        address=f"/releases/{campaign}#mode-{history.number}" if history else "",
+        sightings=history.sightings if history else (),
+        format_status=releases.format_status,
+        nothing=IN_NO_RELEASE,
+    )

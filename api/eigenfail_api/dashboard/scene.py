@@ -1,16 +1,17 @@
-"""The scene of an episode over time, a clip of it, and the planner's account."""
+"""The scene of an episode over time, failures over each other, and the planner's account."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from math import ceil, floor, log10, nan
+from collections.abc import Iterator, Sequence
+from math import ceil, floor, inf, log10, nan
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
+from eigenfail.contracts.recording import OverlaidRecordings
 from eigenfail.explanations import NotableMoment, find_moments
-from eigenfail.presentation.figures import (
-    format_number,
-)
+from eigenfail.presentation.figures import UNKNOWN, format_number
+from eigenfail.presentation.tables import Table
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
@@ -18,24 +19,20 @@ from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.proof import ExplainedStep, Explanation
 from eigenfail.values.scene import UNKNOWN_KIND, Mission, Scene
 from eigenfail_api.dashboard import charts
-from eigenfail_services.analysis.footprints import measure_clearances, measure_times_to_collision
+from eigenfail_services.analysis.footprints import (
+    find_struck,
+    measure_clearances,
+    measure_times_to_collision,
+)
 
 
-class Jump(msgspec.Struct, frozen=True):
-    """A notable moment: its time as in the address, and its name."""
-
-    time: str
-    words: str
-    tone: str = ""
-
-
-def list_jumps(result: EpisodeResult) -> tuple[Jump, ...]:
-    """Return links to the notable moments of an episode, in order of time."""
+def list_jumps(result: EpisodeResult) -> list[NotableMoment]:
+    """Return the notable moments of an episode, in order of time."""
     found = [*find_threshold_moments(result.measures)] if result.measures else []
     # Of a failure the collision is the moment to see; of any other the nearest approach.
     if result.scene and not result.is_failure:
         found.append(NotableMoment(find_nearest_moment(result.scene), "nearest"))
-    return tuple(map(make_jump, sorted(found, key=lambda each: each.time_s)))
+    return sorted(found, key=lambda each: each.time_s)
 
 
 def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
@@ -43,12 +40,6 @@ def find_threshold_moments(measures: Measures) -> Iterator[NotableMoment]:
     for name, measure in MEASURES.items():
         if measure.event and (time_s := getattr(measures, name)) is not None:
             yield NotableMoment(time_s, measure.event)
-
-
-def make_jump(found: NotableMoment) -> Jump:
-    """Return the link to a moment."""
-    tone = "bad" if found.words == "collision" else ""
-    return Jump(f"{found.time_s:.1f}", found.words, tone)
 
 
 CONVENTIONAL_LANE_M = 3.5
@@ -74,13 +65,13 @@ def make_noise_chart(
             },
         }
 
-    def tabulate(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[charts.Row]]:
+    def tabulate(ways: Sequence[int]) -> Table:
         names = [channels[way].capitalize() for way in ways]
         columns = [f"{name} {kind}" for kind in ("[sigma]", unit) for name in names]
         values = (standardised[:, ways], noise.injected[:, ways], noise.log_probability_per_step)
         steps = zip(times, *values, strict=True)
         rows = ((at, *map(float, (*u, *a, log_p))) for at, u, a, log_p in steps)
-        return (axis, *columns, "log p"), rows
+        return charts.list_rows((axis, *columns, "log p"), rows)
 
     title = "Noise on the perceived position" if is_position else "Noise"
     caption = (
@@ -164,10 +155,12 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
                     float(value) if np.isfinite(value) else None for value in values
                 ),
             },
-            columns=("Time [s]", f"{title} [{unit}]"),
-            cells=tuple(
-                (format_number(dt_s * step), format_number(float(value), 4))
-                for step, value in enumerate(values)
+            table=charts.list_rows(
+                ("Time [s]", f"{title} [{unit}]"),
+                (
+                    (format_number(dt_s * step), format_number(float(value), 4))
+                    for step, value in enumerate(values)
+                ),
             ),
         )
         for (name, caption), (title, unit, values, scale) in zip(
@@ -179,6 +172,20 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
 def find_nearest_moment(scene: Scene) -> float:
     """Return the time at which the ego was nearest to another vehicle [s]."""
     return float(measure_clearances(scene).min(axis=1).argmin()) * scene.dt_s
+
+
+SCENE_COLUMNS = (
+    "Time [s]",
+    "Ego x [m]",
+    "Ego y [m]",
+    "Ego speed [m/s]",
+    "Actor x [m]",
+    "Actor y [m]",
+    "Seen at x [m]",
+    "Seen at y [m]",
+    "Acceleration [m/s²]",
+    "Distance [m]",
+)
 
 
 def make_scene_chart(
@@ -204,22 +211,11 @@ def make_scene_chart(
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
             **_list_optional_values(scene),
         },
-        columns=(
-            "Time [s]",
-            "Ego x [m]",
-            "Ego y [m]",
-            "Ego speed [m/s]",
-            "Actor x [m]",
-            "Actor y [m]",
-            "Seen at x [m]",
-            "Seen at y [m]",
-            "Acceleration [m/s²]",
-            "Distance [m]",
+        table=charts.list_rows(
+            SCENE_COLUMNS,
+            (make_scene_row(scene, step, actor, apart) for step, actor in enumerate(nearest)),
+            "The scene by step.",
         ),
-        cells=tuple(
-            make_scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
-        ),
-        note="The scene by step.",
     )
 
 
@@ -269,7 +265,7 @@ def make_account_view(explanation: Explanation, mission: Mission | None) -> dict
     return {
         "explanation": explanation,
         # Of another course than the one that is shown the moments and steps would be wrong.
-        "jumps": tuple(map(make_jump, find_moments(explanation.steps))) if same else (),
+        "jumps": tuple(find_moments(explanation.steps)) if same else (),
         "steps": make_player_columns(explanation.steps) if same else None,
         "scene": make_scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
         "courses": make_course_charts(scene) if scene else (),
@@ -299,3 +295,128 @@ def read_figure(step: ExplainedStep, name: str) -> float | None:
     value = step.account.get(name)
     # A planner may report anything under any name.
     return value if isinstance(value, float) else None
+
+
+CENTIMETRE, MILLIRADIAN = 2, 3
+"""Decimals of positions and headings: finer than a screen shows."""
+
+TABLE_STEP_S = 0.5
+"""Time between two rows of the table. [s]"""
+
+MOST_TABLE_ROWS = 60
+"""Rows of the table at most; of longer episodes it has fewer moments."""
+
+
+def describe_first(recordings: OverlaidRecordings) -> str:
+    """Return which failure is opaque: the medoid, or an episode if the medoid has no scene."""
+    campaign, index = recordings.episodes[0]
+    return "the medoid" if recordings.has_medoid else f"episode {campaign}/{index}"
+
+
+def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> charts.Chart:
+    """Return the courses of episodes over each other, and a table of them by time."""
+    failures = [_Failure(scene) for scene in recordings.scenes]
+    mission, first = recordings.mission, describe_first(recordings)
+    data: dict[str, object] = {
+        "dt": recordings.scenes[0].dt_s,
+        "last": max(each.last for each in failures),
+        "lanes": mission.lanes if mission else 0,
+        "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
+        "failures": [
+            {
+                "episode": f"{campaign}/{index}",
+                "collides": outcome is Outcome.COLLISION,
+                **failure.list_values(),
+            }
+            for failure, outcome, (campaign, index) in zip(
+                failures, recordings.outcomes, recordings.episodes, strict=True
+            )
+        ],
+    }
+    road = recordings.scenes[0].road
+    if not isinstance(road, msgspec.UnsetType):
+        data["road"] = [charts.round_rows(border) for border in road]
+    return charts.Chart(
+        id=name,
+        kind="overlay",
+        title="Failures over each other",
+        caption=f"From above. {first[0].upper()}{first[1:]} is opaque, the other failures are"
+        " translucent.",
+        data=data,
+        table=charts.list_rows(
+            (
+                "Time before the end [s]",
+                "Failures under way",
+                "Ego speed, median [m/s]",
+                "Smallest [m/s]",
+                "Largest [m/s]",
+                "Distance, median [m]",
+                "Smallest [m]",
+                "Largest [m]",
+            ),
+            _list_overlay_rows(failures, recordings.scenes[0].dt_s),
+            "Speed of the ego and distance to the nearest vehicle, by time before the end.",
+        ),
+    )
+
+
+class _Failure:
+    """Course of one failure: poses, speed of the ego, distance to the nearest vehicle."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.last = len(scene.vehicles) - 1
+        self.speed_mps = scene.vehicles[:, 0, 3].astype(np.float64)
+        # An ego alone is apart from nothing.
+        has_others = len(scene.sizes) > 1
+        apart_m = measure_clearances(scene) if has_others else np.empty((self.last + 1, 0))
+        self.apart_m = apart_m.min(axis=1, initial=inf)
+        self.struck = find_struck(scene) if has_others else 0
+        self._scene = scene
+
+    def list_values(self) -> dict[str, object]:
+        """Return the values for the player; a track is x, y, heading, x, y, heading, and so on."""
+        poses = self._scene.vehicles[..., :3].astype(np.float64)
+        # Rounded, or each of the many numbers would be written with all digits of a float.
+        poses[..., :2] = poses[..., :2].round(CENTIMETRE)
+        poses[..., 2] = poses[..., 2].round(MILLIRADIAN)
+        return {
+            "last": self.last,
+            "struck": self.struck,
+            "sizes": charts.round_rows(self._scene.sizes),
+            "tracks": [_list_known(track.ravel()) for track in poses.swapaxes(0, 1)],
+            "speed": _list_known(self.speed_mps.round(1)),
+            "apart": _list_known(self.apart_m.round(CENTIMETRE)),
+        }
+
+
+def _list_known(values: NDArray[np.float64]) -> list[float | None]:
+    """Return numbers for JSON; None while a vehicle is not there."""
+    return [
+        value if is_known else None
+        for value, is_known in zip(values.tolist(), np.isfinite(values).tolist(), strict=True)
+    ]
+
+
+def _list_overlay_rows(failures: Sequence[_Failure], dt_s: float) -> Iterator[tuple[str, ...]]:
+    last = max(failure.last for failure in failures)
+    # Counted from the end, where failures are aligned, so that rows of all lengths match.
+    every = max(1, round(TABLE_STEP_S / dt_s), ceil(last / MOST_TABLE_ROWS))
+    for before in range(last // every * every, -1, -every):
+        under_way = [failure for failure in failures if failure.last >= before]
+        speeds = [failure.speed_mps[failure.last - before] for failure in under_way]
+        distances = [failure.apart_m[failure.last - before] for failure in under_way]
+        yield (
+            format_number(before * dt_s),
+            str(len(under_way)),
+            *_summarise(speeds),
+            *_summarise([each for each in distances if each < inf]),
+        )
+
+
+def _summarise(values: Sequence[float]) -> tuple[str, str, str]:
+    """Return median, smallest and largest value as text."""
+    if not values:
+        return (UNKNOWN,) * 3
+    found = float(np.median(values)), min(values), max(values)
+    median, smallest, largest = (format_number(each) for each in found)
+    return median, smallest, largest

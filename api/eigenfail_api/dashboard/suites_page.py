@@ -1,7 +1,6 @@
 """The list of suites, the page of one, and the page that launches one from its file."""
 
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import ceil
 from urllib.parse import quote
 
@@ -33,6 +32,7 @@ from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
 SEED = "seed"
+NO_SETTINGS = "The members differ only in their names."
 # As many ids as the comparison accepts for one side.
 MOST_COMPARED = 100
 """Maximum number of campaigns of one side in an address."""
@@ -94,7 +94,8 @@ def make_suite_address(suite: str) -> str:
 
 def make_suite_view(table: SuiteTable) -> dict[str, object]:
     """Return what the page of a suite shows."""
-    found = [msgspec.structs.replace(row.summary, name=row.member) for row in table.members]
+    found = [replace(row.summary, name=row.member) for row in table.members]
+    is_equal = not table.columns and len(table.members) > 1
     return {
         "table": table,
         "address": make_suite_address(table.suite),
@@ -116,7 +117,7 @@ def make_suite_view(table: SuiteTable) -> dict[str, object]:
         "over_seeds": tabulate_spreads(table.over_seeds) if table.over_seeds else None,
         "tells_probability": any(summary.estimate for summary in found),
         "costs": make_cost_chart(found),
-        "notes": tuple(list_notes(table)),
+        "notes": (*([NO_SETTINGS] if is_equal else []), *note_omissions(table)),
         "is_open": any(row.state not in FINAL_STATES for row in table.members),
     }
 
@@ -141,23 +142,12 @@ def make_heat_map(table: SuiteTable) -> HeatMap | None:
     rates = {place: pool_failures(rows) for place, rows in found.items()}
     sampled = [rate.share for rate in rates.values() if rate and rate.sampled]
     largest = max(sampled, default=0.0)
-    return HeatMap(
-        down,
-        across,
-        columns,
-        tuple(
-            (
-                name,
-                tuple(
-                    make_heat_cell(
-                        found.get((name, column), []), rates.get((name, column)), largest
-                    )
-                    for column in columns
-                ),
-            )
-            for name in rows
-        ),
-    )
+
+    def make_cell(place: tuple[str, str]) -> HeatCell:
+        return make_heat_cell(found.get(place, []), rates.get(place), largest)
+
+    lines = ((name, tuple(make_cell((name, column)) for column in columns)) for name in rows)
+    return HeatMap(down, across, columns, tuple(lines))
 
 
 def pool_failures(members: Sequence[SuiteRow]) -> Rate | None:
@@ -217,35 +207,20 @@ def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
 
 def make_comparison_address(table: SuiteTable, row: SuiteRow) -> str:
     """Return the address that compares a member with the first one, all seeds of each included."""
-    first = table.members[0]
+    wanted = [drop_seed(each) for each in (table.members[0], row)]
     # A member compared with its own group would say nothing.
-    if differ_by_seed(first, row):
+    if wanted[0] == wanted[1]:
         return ""
-    a, b = (group(table.members, each) for each in (first, row))
-    return f"/comparison?a={a}&b={b}"
-
-
-def group(members: Iterable[SuiteRow], like: SuiteRow) -> str:
-    """Return the ids of the campaigns that differ from one in their seeds alone."""
-    found = [str(each.campaign) for each in members if differ_by_seed(each, like)]
-    return ",".join(found[:MOST_COMPARED])
-
-
-def differ_by_seed(one: SuiteRow, other: SuiteRow) -> bool:
-    """Return whether two members differ in their seeds alone."""
-    return drop_seed(one) == drop_seed(other)
+    a, b = (
+        [str(each.campaign) for each in table.members if drop_seed(each) == settings]
+        for settings in wanted
+    )
+    return f"/comparison?a={','.join(a[:MOST_COMPARED])}&b={','.join(b[:MOST_COMPARED])}"
 
 
 def drop_seed(row: SuiteRow) -> dict[str, object]:
     """Return a member's settings without its seed."""
     return {name: each for name, each in row.settings.items() if name != SEED}
-
-
-def list_notes(table: SuiteTable) -> Iterator[str]:
-    """Return the notes on what the table leaves out."""
-    if not table.columns and len(table.members) > 1:
-        yield "The members differ only in their names."
-    yield from note_omissions(table)
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -317,16 +292,11 @@ def encode_suite(text: str) -> bytes:
     Raises:
         InvalidValue: the text is not TOML, or describes a campaign.
     """
-    try:
-        table = tomllib.loads(text)
-        body = msgspec.json.encode(table)
-    # A number of too many digits is a plain ValueError.
-    except (ValueError, RecursionError) as error:
-        raise InvalidValue("", f"The file is not TOML: {error}.") from None
+    table = launch_page.read_toml(text, "")
     if "method" in table:
         remedy = "Fill in the launch form from it."
         raise InvalidValue("", "The file describes a campaign, not a suite.", remedy)
-    return body
+    return msgspec.json.encode(table)
 
 
 def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[launch_page.LaunchTrouble]:

@@ -10,6 +10,9 @@ from eigenfail.values.showing import Shown
 MOST_CAMPAIGNS = 20
 """Maximum number of campaigns in one report."""
 
+OWN_EPISODES = "of the episodes that the method chose"
+"""Behind the share of failures of a search, which is no failure rate under p(x)."""
+
 
 Cell = str | bool | int | float | None
 """What stands in a table: unrounded; None where something is not known."""

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from eigenfail.errors import Conflict, InputError
 from eigenfail.presentation import figures, svg
 from eigenfail.presentation.analyses import choose_channel_words
-from eigenfail.presentation.tables import OWN_EPISODES, format_cost
+from eigenfail.presentation.tables import format_cost
 from eigenfail.values.analysis import MinimalFailure
 from eigenfail.values.comparison import Region
 from eigenfail.values.estimates import Rate
 from eigenfail.values.summary import CampaignCost, CostPoint
 from eigenfail.worlds import list_channels
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture
+from eigenfail_reports.contents import OWN_EPISODES, Cell, ReportPicture
 from eigenfail_reports.material import Material, Subject
 from eigenfail_reports.outcomes import list_bounds
 from eigenfail_services.campaigns.costs import find_spending

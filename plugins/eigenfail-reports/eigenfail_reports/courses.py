@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING
 
 from eigenfail.presentation import figures, svg
 from eigenfail.presentation.rates import FAILED_SHARE, name_rates
-from eigenfail.presentation.tables import OWN_EPISODES
 from eigenfail.values.estimates import Interval, Rate
 from eigenfail.values.records import IN_WORDS
 from eigenfail.values.safety import TAIL_LEVEL, FailurePoint, SeverityRisk, Violations
 from eigenfail.values.safety import Figure as Number
 from eigenfail.values.summary import CourseBlock, MeanTime
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture
+from eigenfail_reports.contents import OWN_EPISODES, Cell, ReportPicture
 from eigenfail_reports.material import Material, Subject, sample_note
 from eigenfail_reports.outcomes import list_bounds
 

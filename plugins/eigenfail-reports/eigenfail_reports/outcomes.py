@@ -11,14 +11,14 @@ from eigenfail import __version__, plugins
 from eigenfail.errors import InputError
 from eigenfail.presentation import figures
 from eigenfail.presentation.rates import FAILED_SHARE, NO_ESTIMATE
-from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
+from eigenfail.presentation.tables import format_cell, format_cost
 from eigenfail.settings import defaults_of
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import Rate
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell
+from eigenfail_reports.contents import OWN_EPISODES, Cell
 from eigenfail_reports.material import Material, Subject
 from eigenfail_services.comparison.sides import warn_of_seeds
 from eigenfail_services.store.schema import VERSION

@@ -10,7 +10,7 @@ from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode, Inf
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, number_channels
 from eigenfail.values.estimates import ChainMixing
-from eigenfail.values.proof import Proof, ReplayedNoise, Reproduction
+from eigenfail.values.proof import Proof, Reproduction
 
 NO_FAILURE = (
     "the centre of its failures is no failure. Quote its medoid, a failure that happened, or "
@@ -57,6 +57,8 @@ def pick_channels(weights: Floats) -> list[int]:
 
 def rank_channels(weights: Floats) -> list[int]:
     """Return the columns of channels, those with the greatest sum of their weights first."""
+    # Stable: channels of equal weight keep their order, or the same analysis would be drawn
+    # differently on another machine.
     sums = np.asarray(weights, np.float64).sum(axis=0)
     return [int(way) for way in np.argsort(-sums, kind="stable")]
 
@@ -82,6 +84,7 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> tables.Table:
         *(tables.TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
         *tables.name_columns(*(f"Peak {channel}" for channel in result.channels)),
     )
+    # Two columns for each of many channels would not fit a terminal: a row names its strongest.
     if len(result.channels) > MOST_CHANNELS:
         list_disturbances = _list_strongest
         disturbances = (*tables.name_columns("Strongest channel", "Peak"),)
@@ -107,6 +110,7 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> tables.Table:
 
 
 def _list_strongest(mode: FailureMode, channels: Sequence[str]) -> Iterator[tables.Cell]:
+    # By energy, not by peak: a single spike does not make a channel the strongest.
     strongest = int(np.argmax(np.square(mode.eigenfailure).sum(axis=0)))
     yield channels[strongest]
     yield format_peak(mode.eigenfailure[:, strongest])
@@ -124,7 +128,9 @@ def list_mode_facts(mode: FailureMode) -> tables.FactTable:
     """Return one failure mode by itself: its size, its medoid and its strongest noise."""
     place = "" if mode.medoid_campaign is None else f" of campaign {mode.medoid_campaign}"
     steps, channels = mode.eigenfailure.shape
+    # An eigenfailure without steps has no peak.
     peaks = map(format_peak, mode.eigenfailure.T) if steps else ()
+    estimate = mode.probability
     rows = (
         *([("number", str(mode.number))] if mode.number else []),
         ("failures", figures.format_count(mode.failures)),
@@ -137,14 +143,9 @@ def list_mode_facts(mode: FailureMode) -> tables.FactTable:
             (f"peak of {name} [sigma]", peak)
             for name, peak in zip(number_channels(channels), peaks, strict=False)
         ),
-        *_list_probability(mode),
+        *([("probability under p(x)", tables.format_line(estimate))] if estimate else []),
     )
     return tables.FactTable("Failure mode", rows)
-
-
-def _list_probability(mode: FailureMode) -> Iterator[tuple[str, str]]:
-    if mode.probability is not None:
-        yield "probability under p(x)", tables.format_cell(mode.probability).line
 
 
 def format_peak(noise: Floats) -> str:
@@ -219,6 +220,7 @@ def describe_findings(result: AnalysisResult) -> Iterator[str]:
         if mode.probability and mode.probability.problem:
             yield f"Mode {place} has no probability: {mode.probability.problem}"
     bounds = (mode.probability for mode in result.modes if mode.probability)
+    # Modes share their reasons: each is given once.
     for reason in dict.fromkeys(each.note for each in bounds if each.bound):
         yield f'Probabilities with "at least" are lower bounds: {reason}'
     if result.digest:
@@ -235,6 +237,7 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
         f"deviation of {figures.format_number(found.spread)} sigma about its mean; that "
         "of p(x) has 1."
     )
+    # A single mode is seen from the first failure on.
     if found.modes > 1:
         seen = ", ".join(map(str, found.coverage))
         yield f"Modes among the analysed failures after each tenth of the campaign: {seen}."
@@ -265,6 +268,7 @@ def describe_influence(found: InfluenceShare, channels: Sequence[str]) -> str:
     """Return the share of the influence that lies in the last seconds before the collision."""
     if found.both is None:
         return f"Failures differ in no step of the last {found.seconds:g} s or before."
+    # A channel without influence would only lengthen the sentence.
     parts = zip(channels, found.by_channel, strict=True)
     apart = ", ".join(
         f"{channel} {figures.format_share(share)}" for channel, share in parts if share
@@ -285,12 +289,10 @@ def tabulate_moments(result: AnalysisResult) -> tables.Table:
     return tables.tabulate(
         "Moments of greatest influence",
         result.moments,
-        (
-            tables.read_text(words.one.capitalize(), lambda each: each.axis.capitalize()),
-            tables.read_text("When", format_moment),
-            tables.read_number("Influence", "influence"),
-        ),
-        (note,),
+        tables.read_text(words.one.capitalize(), lambda each: each.axis.capitalize()),
+        tables.read_text("When", format_moment),
+        tables.read_number("Influence", "influence"),
+        notes=(note,),
     )
 
 
@@ -341,8 +343,10 @@ def tabulate_noise_within(result: AnalysisResult, step_s: float | None = None) -
 def _find_difference(
     components: Floats, explained: Floats, channels: Sequence[str], step_s: float | None
 ) -> str:
+    # Weighted by what they explain: a component that explains little must not decide.
     influence = np.tensordot(explained, np.abs(components), axes=1)
     step, way = map(int, np.unravel_index(int(influence.argmax()), influence.shape))
+    # Aligned failures end with the collision, one step after the last step of their noise.
     before_s = None if step_s is None else (len(influence) - step) * step_s
     moment = Moment(channels[way], step, before_s, float(influence[step, way]))
     return f"{moment.axis} {format_moment(moment)}"
@@ -353,13 +357,11 @@ def tabulate_sources(result: AnalysisResult) -> tables.Table:
     return tables.tabulate(
         "Analysed campaigns",
         result.sources,
-        (
-            tables.read_text("Campaign", lambda each: str(each.campaign)),
-            tables.read_number("Failures", "failures"),
-            tables.read_number("Episodes", "episodes"),
-            tables.read_text(
-                "State then", lambda each: "running: a snapshot" if each.running else "ended"
-            ),
+        tables.read_text("Campaign", lambda each: str(each.campaign)),
+        tables.read_number("Failures", "failures"),
+        tables.read_number("Episodes", "episodes"),
+        tables.read_text(
+            "State then", lambda each: "running: a snapshot" if each.running else "ended"
         ),
     )
 
@@ -378,6 +380,7 @@ def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[t
 
 def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> tables.Table:
     """Return the replays, one a row, with log p of each and the expected log p of noise of p(x)."""
+    # log p of an episode is a large number whose differences count: three digits would hide them.
     columns = (
         *tables.name_columns("Scenario", noun.capitalize(), "Replayed", "Outcome"),
         tables.TableColumn("Robustness", unit),
@@ -387,7 +390,17 @@ def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> table
         tables.TableColumn("Episode"),
     )
     rows = tuple(
-        (scenario.words, str(replay.mode + 1), replay.what, *_list_replay(replay))
+        (
+            scenario.words,
+            str(replay.mode + 1),
+            replay.what,
+            replay.outcome.word if replay.outcome else None,
+            replay.robustness_m,
+            replay.log_probability,
+            replay.log_probability_per_step,
+            replay.expected_log_probability,
+            f"{replay.campaign}/{replay.index}",
+        )
         for scenario in proof.scenarios
         for replay in scenario.replays
     )
@@ -395,31 +408,22 @@ def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> table
     return tables.Table("Replays", columns, rows, (LIKELIHOODS.format(unit=density),))
 
 
-def _list_replay(replay: ReplayedNoise) -> tuple[tables.Cell, ...]:
-    return (
-        replay.outcome.word if replay.outcome else None,
-        replay.robustness_m,
-        replay.log_probability,
-        replay.log_probability_per_step,
-        replay.expected_log_probability,
-        f"{replay.campaign}/{replay.index}",
-    )
-
-
 def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> Iterator[str]:
     """Return how many replays failed again, of those tried, in sentences."""
     yield f"{_count_failed_again(proof.reproduced, 'eigenfailures', unit)} in the same scenario."
+    # Of one scenario these counts would repeat the sentence above.
     if len(proof.scenarios) > 1:
         pairs = f"({len(proof.modes)} {noun}s, {len(proof.scenarios)} scenarios)"
         kinds = {"eigenfailures": proof.eigenfailures, "medoids": proof.medoids}
         for kind, found in kinds.items():
             yield f"{_count_failed_again(found, f'replays of {kind}', unit)} {pairs}."
     for mode in proof.modes:
-        parts = [format_reproduction(each, unit) for each in (mode.eigenfailure, mode.medoid)]
+        parts = [_format_reproduction(each, unit) for each in (mode.eigenfailure, mode.medoid)]
         who = f"{noun.capitalize()} {mode.mode + 1}"
         yield f"{who}: eigenfailure {parts[0]}; medoid {parts[1]}."
         if mode.nearest:
             yield f"{who}: nearest failing point {mode.nearest.words}."
+        # A centre of failures need not fail itself: the reader needs to know what to quote instead.
         elif mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
             yield f"{who}: {NO_FAILURE}"
 
@@ -427,21 +431,16 @@ def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> It
 def _count_failed_again(found: Reproduction, replayed: str, unit: str) -> str:
     if found.rate is None:
         return f"None of the {replayed} was completed"
-    words = f"{found.rate.k} of {found.rate.n} {replayed} reproduced a failure"
-    return words if found.rate.k else f"{words} {_format_nearest(found, unit)}"
+    return _format_reproduction(found, unit, f" {replayed} reproduced a failure")
 
 
-def _format_nearest(found: Reproduction, unit: str) -> str:
-    nearest = figures.format_number(found.smallest_robustness_m)
-    return f"(nearest {' '.join(filter(None, (nearest, unit)))})"
-
-
-def format_reproduction(found: Reproduction, unit: str) -> str:
-    """Return the count of replays that failed again, and how near the others came, in a unit."""
+def _format_reproduction(found: Reproduction, unit: str, words: str = "") -> str:
+    """Return the count of replays that failed again, and how near they came if none did."""
     if found.rate is None:
         return "not replayed"
-    words = f"{found.rate.k} of {found.rate.n}"
-    return words if found.rate.k else f"{words} {_format_nearest(found, unit)}"
+    counted = f"{found.rate.k} of {found.rate.n}{words}"
+    nearest = f"{figures.format_number(found.smallest_robustness_m)} {unit}".rstrip()
+    return counted if found.rate.k else f"{counted} (nearest {nearest})"
 
 
 def describe_chain_mixing(found: ChainMixing) -> tuple[tables.Block, ...]:
@@ -463,5 +462,5 @@ def describe_chain_mixing(found: ChainMixing) -> tuple[tables.Block, ...]:
         tables.read_number("R-hat", "r_hat"),
         tables.read_number("Effective samples", "effective"),
     )
-    table = tables.tabulate("Mixing", found.projections, readings)
+    table = tables.tabulate("Mixing", found.projections, *readings)
     return (*sentences, table)

@@ -1,7 +1,7 @@
 """Tables of campaigns: specification, results, severity and cost."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from msgspec import UnsetType
 
@@ -37,13 +37,16 @@ PROBABILITY = tables.TableColumn("P(failure) [95 %]")
 """A column that tables have where a campaign has an estimate."""
 
 RESULTS = (
-    *tables.count_columns("Episodes", "Failures"),
-    RATE,
-    LIKELIHOOD,
-    SEVERITY,
-    tables.TableColumn("Episodes/s"),
-    COST,
+    tables.read_number("Episodes", "counts.completed"),
+    tables.read_number("Failures", "counts.failures"),
+    tables.Reading(RATE, "failure_rate"),
+    tables.Reading(LIKELIHOOD, "log_probability_per_step"),
+    tables.Reading(SEVERITY, "mean_severity"),
+    tables.Reading(COST, "cost"),
 )
+"""What tables show of the summary of a campaign."""
+SPEED = tables.read_number("Episodes/s", "episodes_per_s")
+WITH_SPEED = (*RESULTS[:-1], SPEED, RESULTS[-1])
 PARTS_OF_TIME = {
     "simulation_s": "simulation",
     "startup_s": "start-up",
@@ -57,44 +60,30 @@ SEARCHES = (
 )
 STEPS_OF_COST = 10
 """Number of rows of the table of failures by cost."""
-
-
-def list_results(summary: Summary) -> tuple[tables.Cell, ...]:
-    """Return the cells of a campaign in the columns `RESULTS`."""
-    return (
-        summary.counts.completed,
-        summary.counts.failures,
-        summary.failure_rate,
-        summary.log_probability_per_step,
-        summary.mean_severity,
-        summary.episodes_per_s,
-        summary.cost,
-    )
+ROUNDING = 1e-9
+"""Relative error of amounts that were divided and multiplied again."""
 
 
 def tabulate_results(summaries: Iterable[Summary]) -> tables.Table:
     """Return what campaigns found and what it cost, one a row, with remarks on their rates."""
     found = list(summaries)
-    last = PROBABILITY if any(summary.estimate for summary in found) else None
-    return tables.Table(
+    # Few methods estimate a probability: without one the column would hold dashes alone.
+    last = [tables.Reading(PROBABILITY, "estimate")] if any(each.estimate for each in found) else []
+    return tables.tabulate(
         "Results",
-        (ID, tables.TableColumn("Method", is_figure=False), *RESULTS, *([last] if last else [])),
-        tuple(
-            (
-                str(each.campaign),
-                each.method,
-                *list_results(each),
-                *([each.estimate] if last else []),
-            )
-            for each in found
-        ),
-        note_results(found),
+        found,
+        tables.Reading(ID, lambda each: str(each.campaign)),
+        tables.read_text("Method", "method"),
+        *WITH_SPEED,
+        *last,
+        notes=note_results(found),
     )
 
 
 def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
     """Return the remarks on failure rates and probabilities of campaigns."""
     found = list(summaries)
+    # Methods share the reasons for their bounds: each is given once.
     bounds = (each.estimate.note for each in found if each.estimate and each.estimate.bound)
     searches = [each for each in found if each.failure_rate and not each.failure_rate.sampled]
     return (
@@ -111,18 +100,16 @@ def tabulate_campaigns(campaigns: Iterable[Campaign]) -> tables.Table:
     return tables.tabulate(
         "Campaigns",
         found,
-        (
-            tables.Reading(ID, lambda each: str(each.id)),
-            tables.read_text("Name", "spec.name"),
-            tables.read_text("State", "state_word"),
-            tables.read_text("Method", "spec.method"),
-            tables.read_text("Scenario", "spec.scenario"),
-            tables.read_text("Planner", "spec.planner"),
-            tables.read_number("Done", _format_progress),
-            tables.read_number("Failures", "counts.failures"),
-            *([tables.Reading(PROBABILITY, "estimate")] if has_estimate else []),
-            tables.read_text("Created", lambda each: format_local_time(each.created_ms)),
-        ),
+        tables.Reading(ID, lambda each: str(each.id)),
+        tables.read_text("Name", "spec.name"),
+        tables.read_text("State", "state_word"),
+        tables.read_text("Method", "spec.method"),
+        tables.read_text("Scenario", "spec.scenario"),
+        tables.read_text("Planner", "spec.planner"),
+        tables.read_number("Done", _format_progress),
+        tables.read_number("Failures", "counts.failures"),
+        *([tables.Reading(PROBABILITY, "estimate")] if has_estimate else []),
+        tables.read_text("Created", lambda each: format_local_time(each.created_ms)),
     )
 
 
@@ -133,25 +120,31 @@ def _format_progress(campaign: Campaign) -> str:
 
 def list_campaign_facts(campaign: Campaign) -> tables.FactTable:
     """Return the specification of a campaign, and its progress."""
-    spec, counts = campaign.spec, campaign.counts
+    spec, counts, archived_ms = campaign.spec, campaign.counts, campaign.archived_ms
+    parameters, limits = in_words(spec.scenario_parameters), spec.stop.given()
+    stops = f"; stops at {_join_settings(limits)}" if limits else ""
+    trained, archived = (
+        campaign.trained_episodes,
+        f"{format_local_time(archived_ms)}: lists omit it",
+    )
     rows = [
         ("campaign", f"{campaign.id}: {spec.name}"),
         ("state", " ".join(filter(None, (campaign.state_word, campaign.stopped_because)))),
         ("method", f"{spec.method} {spec.settings or ''}"),
-        ("scenario", " ".join((spec.scenario, _format_parameters(spec)))),
+        ("scenario", " ".join((spec.scenario, _join_settings(parameters)))),
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         *list_labels(spec),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
         *describe_requirements(spec).items(),
-        ("budget", f"{format_count(spec.episodes)} episodes{_format_stop_rules(spec)}"),
+        ("budget", f"{format_count(spec.episodes)} episodes{stops}"),
         ("priority", spec.priority),
         ("episodes", ", ".join(_list_ended(campaign))),
         ("failures", format_count(counts.failures)),
         *_list_estimate(campaign.estimate),
-        *_list_training(campaign),
+        *([("trained with", f"{format_count(trained)} episodes")] if trained is not None else []),
         ("created", format_local_time(campaign.created_ms)),
-        *_list_archive(campaign),
+        *([("archived", archived)] if archived_ms is not None else []),
         ("active", f"{format_number(campaign.active_s)} s"),
         ("digest", campaign.digest or UNKNOWN),
         *(("versions", sentence) for sentence in describe_mixed(campaign)),
@@ -169,14 +162,8 @@ def list_labels(spec: CampaignSpec) -> Iterator[tuple[str, str]]:
     return ((name, text) for name, text in given.items() if text)
 
 
-def _list_archive(campaign: Campaign) -> Iterator[tuple[str, str]]:
-    if campaign.archived_ms is not None:
-        yield "archived", f"{format_local_time(campaign.archived_ms)}: lists omit it"
-
-
-def _format_parameters(spec: CampaignSpec) -> str:
-    parameters = in_words(spec.scenario_parameters)
-    return ", ".join(f"{name} = {value}" for name, value in parameters.items())
+def _join_settings(settings: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in settings.items())
 
 
 def _list_estimate(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
@@ -191,16 +178,6 @@ def _list_estimate(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
         yield "", remark
 
 
-def _list_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
-    if campaign.trained_episodes is not None:
-        yield "trained with", f"{format_count(campaign.trained_episodes)} episodes"
-
-
-def _format_stop_rules(spec: CampaignSpec) -> str:
-    limits = [f"{name} = {limit}" for name, limit in spec.stop.given().items()]
-    return f"; stops at {', '.join(limits)}" if limits else ""
-
-
 def _list_ended(campaign: Campaign) -> Iterator[str]:
     counts = campaign.counts
     yield f"{format_count(counts.completed)} completed of {format_count(counts.planned)}"
@@ -211,6 +188,7 @@ def _list_ended(campaign: Campaign) -> Iterator[str]:
 
 def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[tables.Block, ...]:
     """Return specification and results of a campaign, and its collisions by class."""
+    # A function has no traffic, so that it has no conflicts.
     has_road = world_of(campaign.spec.simulator).has_road
     conflicts = [_list_conflicts(campaign, summary.conflicts)] if has_road else []
     return (list_campaign_facts(campaign), _list_findings(summary), *conflicts)
@@ -219,6 +197,7 @@ def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[tables.Bloc
 def _list_findings(summary: Summary) -> tables.FactTable:
     n = f"n = {format_count(summary.counts.failures)}"
     collisions = summary.conflicts.collisions
+    # A violation without a collision has no severity: the mean may rest on fewer failures.
     severe = "failures" if collisions == summary.counts.failures else "collisions"
     rate = tables.format_line(summary.failure_rate)
     searched = summary.failure_rate is not None and not summary.failure_rate.sampled
@@ -270,23 +249,20 @@ def tabulate_course(course: Course, unit: str = "m") -> tuple[tables.Block, ...]
         course: blocks of its episodes.
         unit: unit of robustness; empty for a function.
     """
-    robustness = tables.TableColumn("Median robustness", unit)
-    counts = tables.count_columns("Completed", "Failures")
-    columns = (*tables.name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
-    rows = tuple(
-        (
-            f"{block.first}–{block.last}",
-            block.failure_rate.n,
-            block.failure_rate.k,
-            block.failure_rate,
-            block.log_probability_per_step,
-            block.median_robustness_m,
-        )
-        for block in course.blocks
+    readings = (
+        tables.read_text("Episodes", lambda block: f"{block.first}–{block.last}"),
+        tables.read_number("Completed", "failure_rate.n"),
+        tables.read_number("Failures", "failure_rate.k"),
+        tables.Reading(RATE, "failure_rate"),
+        tables.Reading(LIKELIHOOD, "log_probability_per_step"),
+        tables.read_number("Median robustness", "median_robustness_m", unit),
     )
-    heading = f"{course.heading} of campaign {course.campaign} ({course.method})"
     searched = any(not block.failure_rate.sampled for block in course.blocks)
-    return (heading, tables.Table(course.heading, columns, rows, (SEARCHES,) if searched else ()))
+    notes = (SEARCHES,) if searched else ()
+    return (
+        f"{course.heading} of campaign {course.campaign} ({course.method})",
+        tables.tabulate(course.heading, course.blocks, *readings, notes=notes),
+    )
 
 
 def tabulate_safety_measures(found: Safety) -> tables.Table:
@@ -296,6 +272,7 @@ def tabulate_safety_measures(found: Safety) -> tables.Table:
     """
     ttc, drac = found.ttc, found.drac
     counts = (tables.TableColumn("Episodes"), tables.TableColumn("Share [95 %]"))
+    # A function has no traffic: all that is measured is whether it failed.
     if not found.measures_traffic:
         failures = ("Failure", *_count_rate(found.failures))
         return tables.Table(
@@ -317,6 +294,7 @@ def tabulate_safety_measures(found: Safety) -> tables.Table:
 
 def _list_failures(found: Safety) -> Iterator[tuple[tables.Cell, ...]]:
     """Yield the row of the failures, and one for each requirement that is named."""
+    # Without named requirements every failure is a collision, which has a row of its own.
     if found.requirements:
         yield ("Failure", *_count_rate(found.failures), None, None, None)
     yield ("Collision", *_count_rate(found.collisions), None, None, None)
@@ -340,6 +318,7 @@ def list_severity(found: Safety) -> tuple[tuple[str, tables.FormattedCell], ...]
     risk, scatter = found.severity, found.scatter
     level = f"{100.0 * risk.level:g} %"
     n = f"n = {format_count(risk.n)}"
+    # A quantile of the tail rests on few failures: their number says how far to trust it.
     beyond = f"{format_number(risk.beyond)} failures beyond"
     points = f"Spearman, n = {format_count(len(scatter.points))}"
     figures = (
@@ -403,17 +382,15 @@ def tabulate_bill(found: Sequence[CampaignCost]) -> tables.Table:
     return tables.tabulate(
         "Cost",
         found,
-        (
-            tables.Reading(ID, lambda each: str(each.campaign)),
-            tables.read_text("Name", "name"),
-            tables.read_text("Method", "method"),
-            tables.read_number("Episodes", "completed"),
-            tables.read_number("Failures", "failures"),
-            tables.read_number("USD", "cost.total_usd", "USD"),
-            tables.Reading(COST, "cost"),
-            tables.read_number("Modes", "modes"),
-            tables.read_number("USD/mode", "per_mode_usd", "USD"),
-        ),
+        tables.Reading(ID, lambda each: str(each.campaign)),
+        tables.read_text("Name", "name"),
+        tables.read_text("Method", "method"),
+        tables.read_number("Episodes", "completed"),
+        tables.read_number("Failures", "failures"),
+        tables.read_number("USD", "cost.total_usd", "USD"),
+        tables.Reading(COST, "cost"),
+        tables.read_number("Modes", "modes"),
+        tables.read_number("USD/mode", "per_mode_usd", "USD"),
     )
 
 
@@ -429,26 +406,41 @@ def _list_time(found: CampaignCost) -> Iterator[tables.Cell]:
     time = found.time
     yield format_quantity(time.active_s, "s")
     for name in PARTS_OF_TIME:
+        # Shares of no time are not defined.
         yield getattr(time, name) / time.active_s if time.active_s else None
 
 
+def list_amounts(found: Iterable[CampaignCost]) -> list[float]:
+    """Return even amounts [USD] up to the cost of the most expensive campaign."""
+    # All campaigns share the amounts, so that what each found by one of them can be compared.
+    most = max((each.cost.total_usd for each in found), default=0.0)
+    return [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)] if most else []
+
+
+def find_purchase(found: CampaignCost, spent_usd: float) -> CostPoint | None:
+    """Return what a campaign had found by an amount; None once nothing more was spent."""
+    # The last amount is a campaign's total itself, up to the rounding of a division.
+    if spent_usd > found.cost.total_usd * (1.0 + ROUNDING):
+        return None
+    usd = [point.usd for point in found.curve]
+    return found.curve[max(bisect_right(usd, spent_usd * (1.0 + ROUNDING)) - 1, 0)]
+
+
 def _tabulate_purchases(found: Sequence[CampaignCost]) -> tables.Table:
-    most = max(each.cost.total_usd for each in found)
-    amounts = [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)]
     names = (tables.TableColumn(f"{each.campaign} {each.method}") for each in found)
     return tables.Table(
         "Failures by cost",
         (tables.TableColumn("USD", "USD"), *names),
-        tuple((spent, *(_describe_purchase(each, spent) for each in found)) for spent in amounts),
+        tuple(
+            (spent, *(_describe_purchase(find_purchase(each, spent)) for each in found))
+            for spent in list_amounts(found)
+        ),
     )
 
 
-def _describe_purchase(found: CampaignCost, spent: float) -> str:
-    """Return failures and modes by an amount; a dash once nothing more was spent."""
-    curve = found.curve
-    if spent > found.cost.total_usd * (1.0 + 1e-9):
+def _describe_purchase(point: CostPoint | None) -> str:
+    if point is None:
         return UNKNOWN
-    point: CostPoint = curve[max(bisect_right([each.usd for each in curve], spent) - 1, 0)]
     modes = "" if point.modes is None else f" ({point.modes} modes)"
     return f"{format_count(point.failures)} failures{modes}"
 
@@ -542,6 +534,7 @@ def tabulate_boxes(found: Region) -> tables.Table:
     """Return the boxes of a failing region, one a row, and all of them together."""
     shares = ("Share of all failures [95 %]", "Failure rate inside [95 %]")
     boxes = [(box.words, box.coverage, box.precision) for box in found.boxes]
+    # Of a single box the row of all of them would be the same.
     if len(boxes) > 1:
         boxes.append(("all of these", found.coverage or boxes[0][1], found.precision))
     rows = tuple(
@@ -566,39 +559,30 @@ def tabulate_workers(
     """
     total = sum(share.episodes for share in shares)
     shown = shares[:most]
+    # A fleet may have hundreds of workers, and a page has room for the busiest.
     left = f"In the API, with fewer episodes: {count_noun(len(shares) - len(shown), 'worker')}."
     return tables.tabulate(
         "Workers",
         shown,
-        (
-            tables.read_text("Worker", "worker"),
-            tables.read_number("Episodes", "episodes"),
-            tables.read_number(
-                "Share", lambda each: each.episodes / total if total else None, "share"
-            ),
-            tables.read_number("Failures", "failures"),
-            tables.read_number("Errored", "errored"),
-            tables.read_number("Time/episode", lambda each: each.wall_s / each.episodes, "s"),
-            tables.read_text("Last result", lambda each: format_time(each.last_ms)),
-        ),
-        (left,) if len(shown) < len(shares) else (),
+        tables.read_text("Worker", "worker"),
+        tables.read_number("Episodes", "episodes"),
+        tables.read_number("Share", lambda each: each.episodes / total if total else None, "share"),
+        tables.read_number("Failures", "failures"),
+        tables.read_number("Errored", "errored"),
+        tables.read_number("Time/episode", lambda each: each.wall_s / each.episodes, "s"),
+        tables.read_text("Last result", lambda each: format_time(each.last_ms)),
+        notes=(left,) if len(shown) < len(shares) else (),
     )
 
 
 def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> tables.Table:
     """Return the results of campaigns that are compared, one a row."""
-    rows = tuple(
-        (
-            f"{campaign.id}: {campaign.spec.name}",
-            campaign.state_word,
-            *list_results(summary),
-            summary.cost.total_usd,
-        )
-        for campaign, summary in zip(campaigns, summaries, strict=True)
+    by_id = {campaign.id: campaign for campaign in campaigns}
+    return tables.tabulate(
+        "Figures",
+        summaries,
+        tables.read_text("Campaign", lambda each: f"{each.campaign}: {each.name}"),
+        tables.read_text("State", lambda each: by_id[each.campaign].state_word),
+        *WITH_SPEED,
+        tables.read_number("Spent", "cost.total_usd", "USD"),
     )
-    columns = (
-        *tables.name_columns("Campaign", "State"),
-        *RESULTS,
-        tables.TableColumn("Spent", "USD"),
-    )
-    return tables.Table("Figures", columns, rows)

@@ -8,7 +8,7 @@ from eigenfail.presentation import figures, tables
 from eigenfail.values.analysis import MinimalFailure
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import ChannelLikelihood
-from eigenfail.values.measures import MEASURES, Measure, Measures
+from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.proof import ExplainedStep, Explanation
 from eigenfail.values.records import LEAD_TIMES, Assessment, EpisodeDetail, EpisodeRow
 from eigenfail.worlds import world_of
@@ -45,27 +45,28 @@ LISTED = (
 
 def tabulate_episodes(rows: Iterable[EpisodeRow]) -> tables.Table:
     """Return a list of episodes."""
-    return tables.tabulate("Episodes", rows, LISTED)
+    return tables.tabulate("Episodes", rows, *LISTED)
 
 
 def tabulate_failures(rows: Iterable[EpisodeRow]) -> tables.Table:
     """Return a list of failures of several campaigns."""
-    return tables.tabulate("Failures", rows, (EPISODE, SEVERITY, CLASS, LOG_P, STEPS))
+    return tables.tabulate("Failures", rows, EPISODE, SEVERITY, CLASS, LOG_P, STEPS)
 
 
 def tabulate_fields(
     names: Sequence[str], rows: Iterable[Mapping[str, Value | None]]
 ) -> tables.Table:
     """Return some columns of episodes, under the names that filters have for them."""
+    # Named as in filters: what is listed can be typed into the next filter.
     described = (find_column(name, "fields") for name in names)
     columns = tuple(tables.TableColumn(each.name, is_figure=each.is_ordered) for each in described)
-    cells = tuple(tuple(_read_field(row[name]) for name in names) for row in rows)
+    values = ([row[name] for name in names] for row in rows)
+    cells = tuple(
+        # A seed or a number of an episode is a name, whose digits stand together.
+        tuple(each if each is None or isinstance(each, float) else str(each) for each in row)
+        for row in values
+    )
     return tables.Table("Episodes", columns, cells)
-
-
-def _read_field(value: Value | None) -> tables.Cell:
-    # A seed or a number of an episode is a name, whose digits stand together.
-    return value if value is None or isinstance(value, float) else str(value)
 
 
 def format_class(assessed: Assessment) -> str:
@@ -99,7 +100,11 @@ def _list_facts(
     has_road: bool,
 ) -> tables.FactTable:
     likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
-    fault = result.fault
+    fault, measures, measured = result.fault, result.measures, list[tuple[str, str]]()
+    if measures and has_road:
+        measured += list_measures(measures, result.assessed)
+    elif measures:
+        measured.append(("robustness", figures.format_number(measures.robustness_m)))
     rows = (
         ("episode", f"{name}, seed {result.seed}"),
         ("outcome", result.outcome.word),
@@ -109,7 +114,7 @@ def _list_facts(
         ("disturbances", f"from {result.source}, log p {likelihood}"),
         *list_channel_likelihoods(result.likelihoods),
         *((f"requirement {label}", words) for label, words in judged),
-        *_list_measured(result, has_road=has_road),
+        *measured,
         ("scene", "stored" if result.scene else "not stored"),
         ("digest", result.digest()),
         *([("problem", f"{fault.kind}: {fault.message}")] if fault else []),
@@ -127,39 +132,26 @@ def list_channel_likelihoods(
         yield f"log p of {each.name}", f"{of_channel}, {relative} relative to z = 0"
 
 
-def _list_measured(result: EpisodeDetail, *, has_road: bool) -> Iterator[tuple[str, str]]:
-    if result.measures is None:
-        return
-    if has_road:
-        yield from list_measures(result.measures, result.assessed)
-    else:
-        yield "robustness", figures.format_number(result.measures.robustness_m)
-
-
 OF_REQUIREMENTS = frozenset({"nearest_m", "violated"})
 """Measures of campaigns that name requirements."""
 
 
 def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[str, str]]:
     """Return the measures of an episode by label and unit, then its lead times."""
+    # Without requirements both would be a dash in every episode.
     absent = OF_REQUIREMENTS if measures.nearest_m is None else frozenset[str]()
     for declared, values in ((MEASURES, measures), (LEAD_TIMES, assessed)):
         for name, measure in declared.items():
             if name in absent:
                 continue
             value = getattr(values, name)
-            if not measure.is_text:
-                yield measure.heading, _format_value(measure, value)
-            elif value is not None:
+            if measure.is_count:
+                value = figures.format_count(value)
+            elif not measure.is_text:
+                value = figures.format_number(value, measure.digits)
+            # A missing number is a dash by now; a missing text, such as a cause, tells nothing.
+            if value is not None:
                 yield measure.heading, value
-
-
-def _format_value(measure: Measure, value: Any) -> str:
-    return (
-        figures.format_count(value)
-        if measure.is_count
-        else figures.format_number(value, measure.digits)
-    )
 
 
 def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[tuple[str, str]]:
@@ -169,6 +161,7 @@ def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[
         spec: the campaign.
         values: robustness of each requirement; none of an episode that errored.
     """
+    # Not strict: an episode that errored was judged by no requirement.
     for each, value in zip(spec.named_requirements, values, strict=False):
         if value is None:
             yield each.label, f"not judged: the episode ended before. Demands: {each.in_words()}"
@@ -223,6 +216,7 @@ def _describe_drac(measures: Measures) -> Iterator[str]:
     if measures.drac_at_warning_mps2 is not None:
         drac = figures.format_quantity(measures.drac_at_warning_mps2, "m/s²")
         yield f"When the time to collision first fell below 1.5 s, DRAC was {drac}."
+    # Nothing was closing in at the last step if it is 0.
     if measures.final_drac_mps2:
         drac = figures.format_quantity(measures.final_drac_mps2, "m/s²")
         yield f"At the last step DRAC was {drac}."
@@ -230,6 +224,7 @@ def _describe_drac(measures: Measures) -> Iterator[str]:
 
 def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
     """Return how much of the noise is needed, what it does, and why no more can be left out."""
+    # Noise of zeros has no energy to keep a share of.
     kept = found.energy / found.full_energy if found.full_energy else None
     likelihood, full = (
         f"{figures.format_number(total, LOG_P_DIGITS)} ({{}}{figures.format_number(per_step)})"
@@ -257,6 +252,7 @@ ReadStep = Callable[[ExplainedStep], tables.Cell]
 def _read_account(name: str) -> ReadStep:
     def read(step: ExplainedStep) -> tables.Cell:
         value = step.account.get(name)
+        # A planner reports an empty text for a step about which it has nothing to say.
         return (value or None) if isinstance(value, str) else value
 
     return read
@@ -328,6 +324,7 @@ def tabulate_steps(steps: Sequence[ExplainedStep]) -> tables.Table:
     readings = {"Time": lambda step: step.time_s, **WORDS, **READINGS}
     readings |= {name: _read_account(name) for name in others if name not in SHOWN_ABOVE}
     values = {title: [read(step) for step in steps] for title, read in readings.items()}
+    # Columns without a value would push others off a terminal.
     known = {title: cells for title, cells in values.items() if any(x is not None for x in cells)}
     columns = tuple(
         tables.TableColumn(title, is_figure=title not in {*WORDS, "Tracks"}) for title in known

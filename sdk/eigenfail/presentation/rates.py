@@ -65,6 +65,7 @@ def format_rate(rate: Rate) -> str:
 
 def format_counted_rate(rate: Rate) -> str:
     """Return a rate of a random sample with the episodes that it rests on."""
+    # Without an event the estimate is 0, which says less than its upper bound.
     if not rate.k and rate.interval is not None:
         return f"{count_trials(rate)}: {figures.format_upper_bound(rate.interval.high)}"
     return f"{format_rate(rate)} of {count_completed(rate)}"
@@ -89,6 +90,7 @@ def count_completed(rate: Rate) -> str:
 
 
 def _count_doubtful(errored: int, unresolved: int) -> list[str]:
+    # Either may hide an event: a count without them would look more certain than it is.
     counts = {"errored": errored, "unresolved": unresolved}
     return [f"{count:,} {word}" for word, count in counts.items() if count]
 

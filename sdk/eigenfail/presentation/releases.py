@@ -33,15 +33,13 @@ def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> Table:
     return tabulate(
         "Releases",
         questions,
-        (
-            read_number("Campaign", "campaign"),
-            read_text("Planner", "planner"),
-            read_text("Scenario", "scenario"),
-            read_text("Requirements", "requirements"),
-            read_text("Method", "method"),
-            read_text("Versions", lambda each: ", ".join(each.versions)),
-            read_number("Campaigns", "campaigns"),
-        ),
+        read_number("Campaign", "campaign"),
+        read_text("Planner", "planner"),
+        read_text("Scenario", "scenario"),
+        read_text("Requirements", "requirements"),
+        read_text("Method", "method"),
+        read_text("Versions", lambda each: ", ".join(each.versions)),
+        read_number("Campaigns", "campaigns"),
     )
 
 
@@ -91,6 +89,8 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
     A mode that neither of the two versions has is left out.
     """
     *earlier, newest = table.releases
+    # Not simply the version before: if that one cannot be compared, the one before it says more
+    # than nothing.
     compared = [each for each in earlier if not each.problem]
     version = newest.version
     if newest.problem:
@@ -100,6 +100,7 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
         reasons = [_describe_left_out(each) for each in earlier]
         return NewestComparison(version, "", {}, " ".join([*reasons, words]))
     before = compared[-1].version
+    # In the order of `CHANGES`: what needs attention comes first.
     found: dict[ModeStatus, list[ReleaseMode]] = {each: [] for each in CHANGES}
     for change in table.compare(before, version):
         if change.now.status is not None:
@@ -122,13 +123,11 @@ def _tabulate_versions(releases: Iterable[Release]) -> Table:
     return tabulate(
         "Versions",
         releases,
-        (
-            read_text("Version", "version"),
-            read_text("Campaigns", lambda each: ", ".join(map(str, each.campaigns))),
-            read_number("Episodes", "episodes"),
-            read_number("Failures", "failures"),
-            read_text("Code", format_code),
-        ),
+        read_text("Version", "version"),
+        read_text("Campaigns", lambda each: ", ".join(map(str, each.campaigns))),
+        read_number("Episodes", "episodes"),
+        read_number("Failures", "failures"),
+        read_text("Code", format_code),
     )
 
 
@@ -156,12 +155,14 @@ def name_mode(mode: ReleaseMode) -> str:
 
 def format_sighting(sighting: ModeSighting) -> Cell:
     """Return what became of a mode in a version as text, with its number of failures."""
+    # A count of 0 would repeat what the status says.
     failures = f" ({sighting.failures:,})" if sighting.failures else ""
     return f"{format_status(sighting)}{failures}"
 
 
 def format_status(sighting: ModeSighting) -> str:
     """Return what became of a mode in a version as text."""
+    # Words say why a version is not compared; without them the mode has no place in it.
     if sighting.status is None:
         return NOT_COMPARED if sighting.words else UNKNOWN
     return BASELINE if sighting.is_baseline else sighting.status

@@ -71,6 +71,7 @@ def tabulate_spreads(spreads: Sequence[SeedSpread]) -> tables.Table:
         for spread in spreads
         for sentence in list_remarks(spread)
     )
+    # A note on a pooled rate holds for its group alone; all others are given once.
     shared = tables.list_notes(
         spread.notes if is_only or spread.pooled is None else _name_group(spread)
         for spread in spreads
@@ -103,6 +104,7 @@ def _list_rows(spread: SeedSpread) -> Iterator[tuple[tables.Cell, ...]]:
             *_list_extremes(figure, figures.format_number),
             None,
         )
+    # No mean: seeds without a failure are known only to need more episodes than they had.
     yield ("Episodes to the first failure", None, None, None, *_list_first(spread.first))
     yield ("Cost per failure, total ÷ all [USD]", spread.cost, None, None, None, None, None)
 
@@ -142,6 +144,7 @@ def list_remarks(spread: SeedSpread) -> Iterator[str]:
     """Return the mean share in a sentence, and remarks on these seeds."""
     yield _describe_share(spread)
     figure, first = spread.log_probability_per_step, spread.first
+    # If no seed found a failure, the sentence on the cost says so.
     if first.without and first.without < len(spread.seeds):
         yield (
             f"Seeds without a failure, {first.without} of {len(spread.seeds)}, count in the share, "
@@ -172,5 +175,6 @@ def _describe_cost(spread: SeedSpread) -> Iterator[str]:
     cost = spread.cost
     if not spread.failures and cost.at_least_usd is not None:
         yield "No seed found a failure: the cost per failure is a lower bound (95 %)."
+    # One seed shows no spread: that it gives no interval goes without saying.
     elif spread.failures and cost.interval_usd is None and len(spread.seeds) > 1:
         yield NO_INTERVAL if cost.at_least_usd is None else OPEN_ABOVE

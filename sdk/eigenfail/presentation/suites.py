@@ -5,17 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 
 from eigenfail.presentation import tables
-from eigenfail.presentation.campaigns import (
-    COST,
-    ID,
-    LIKELIHOOD,
-    PROBABILITY,
-    RATE,
-    RESULTS,
-    SEVERITY,
-    list_results,
-    note_results,
-)
+from eigenfail.presentation.campaigns import ID, PROBABILITY, RESULTS, WITH_SPEED, note_results
 from eigenfail.presentation.figures import UNKNOWN, count_noun, format_count
 from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
 from eigenfail.suites import SuiteMember, format_value
@@ -69,15 +59,13 @@ def tabulate_plan(plan: SuitePlan) -> tables.Table:
     return tables.tabulate(
         plan.suite,
         plan.members,
-        (
-            tables.read_text("Member", "name"),
-            tables.read_text("Method", "spec.method"),
-            tables.read_text("Scenario", "spec.scenario"),
-            tables.read_text("Planner", "spec.planner"),
-            tables.read_number("Seed", lambda member: str(member.spec.seed)),
-            tables.read_number("Episodes", "spec.episodes"),
-        ),
-        (f"{plan.suite}: {counts} in all",),
+        tables.read_text("Member", "name"),
+        tables.read_text("Method", "spec.method"),
+        tables.read_text("Scenario", "spec.scenario"),
+        tables.read_text("Planner", "spec.planner"),
+        tables.read_number("Seed", lambda member: str(member.spec.seed)),
+        tables.read_number("Episodes", "spec.episodes"),
+        notes=(f"{plan.suite}: {counts} in all",),
     )
 
 
@@ -92,42 +80,48 @@ def _describe_spreads(spreads: Sequence[SeedSpread]) -> tuple[tables.Block, ...]
 
 def _tabulate_members(result: SuiteResult) -> tables.Table:
     found = [member.summary for member in result.members if member.summary]
-    last = [PROBABILITY] if any(summary.estimate for summary in found) else []
-    columns = (
-        *tables.name_columns("Member", "State"),
-        ID,
-        *tables.name_columns("Method"),
-        *RESULTS,
-        *last,
+    table = tables.tabulate(
+        result.suite,
+        result.members,
+        tables.read_text("Member", "name"),
+        tables.read_text("State", _describe_state),
+        tables.Reading(ID, lambda member: member.summary and str(member.summary.campaign)),
+        tables.read_text("Method", "summary.method"),
+        *_read_summary(WITH_SPEED, found),
+        notes=note_results(found),
     )
-    rows = tuple(
-        tuple(_list_member(member, has_probability=bool(last))) for member in result.members
-    )
-    means = tuple(
-        (
-            label_spread(spread, len(result.over_seeds) == 1),
-            "",
-            "",
-            spread.method,
-            *list_spread(spread),
-            *([None] if last else []),
-        )
-        for spread in result.over_seeds
-    )
-    return tables.Table(result.suite, columns, (*rows, *means), note_results(found))
+    means = [("", "", spread.method, *list_spread(spread)) for spread in result.over_seeds]
+    return _add_means(table, result.over_seeds, means)
 
 
-def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[tables.Cell]:
-    yield member.name
-    summary = member.summary
-    if member.state is None or summary is None:
-        yield member.state or UNKNOWN
-        yield from (None for _ in (*RESULTS, "id", "method"))
-    else:
-        yield state_word(member.state, summary.counts)
-        yield from (str(summary.campaign), summary.method, *list_results(summary))
-    if has_probability:
-        yield summary.estimate if summary else None
+def _describe_state(member: MemberResult) -> str | None:
+    if member.state is None or member.summary is None:
+        return member.state
+    return state_word(member.state, member.summary.counts)
+
+
+def _read_summary(
+    readings: Iterable[tables.Reading], found: Iterable[Summary]
+) -> Iterator[tables.Reading]:
+    """Yield columns of the summary of a member, and of its estimate if a member has one."""
+    # A member without a campaign has no summary: its cells are dashes.
+    for reading in readings:
+        yield reading._replace(read=f"summary.{reading.read}")
+    if any(summary.estimate for summary in found):
+        yield tables.Reading(PROBABILITY, "summary.estimate")
+
+
+def _add_means(
+    table: tables.Table, spreads: Sequence[SeedSpread], cells: Iterable[tuple[tables.Cell, ...]]
+) -> tables.Table:
+    """Return the table of a suite with a row of means over seeds for each group of members."""
+    width = len(table.columns)
+    rows = (
+        # A mean has no estimate of the failure probability: its cell is a dash.
+        (label_spread(spread, len(spreads) == 1), *row, None)[:width]
+        for spread, row in zip(spreads, cells, strict=True)
+    )
+    return table._replace(rows=(*table.rows, *rows))
 
 
 def tabulate_suites(suites: Iterable[SuiteStanding]) -> tables.Table:
@@ -135,16 +129,14 @@ def tabulate_suites(suites: Iterable[SuiteStanding]) -> tables.Table:
     return tables.tabulate(
         "Suites",
         suites,
-        (
-            tables.read_text("Suite", "name"),
-            tables.read_text("States", _describe_states),
-            tables.read_number("Campaigns", "campaigns"),
-            tables.read_number(
-                "Episodes",
-                lambda suite: f"{format_count(suite.completed)}/{format_count(suite.planned)}",
-            ),
-            tables.read_number("Failures", "failures"),
+        tables.read_text("Suite", "name"),
+        tables.read_text("States", _describe_states),
+        tables.read_number("Campaigns", "campaigns"),
+        tables.read_number(
+            "Episodes",
+            lambda suite: f"{format_count(suite.completed)}/{format_count(suite.planned)}",
         ),
+        tables.read_number("Failures", "failures"),
     )
 
 
@@ -155,57 +147,34 @@ def _describe_states(suite: SuiteStanding) -> str:
 def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:
     """Return the members of a suite, with the settings in which they differ."""
     summaries = [row.summary for row in found.members]
-    last = [PROBABILITY] if any(summary.estimate for summary in summaries) else []
-    columns = (
-        *tables.name_columns("Member", "State", *found.columns),
-        ID,
-        *tables.count_columns("Episodes", "Failures"),
-        RATE,
-        LIKELIHOOD,
-        SEVERITY,
-        COST,
-        *last,
+
+    def read_setting(column: str) -> tables.Reading:
+        return tables.read_text(column, lambda row: format_settings(row, [column])[0])
+
+    table = tables.tabulate(
+        found.suite,
+        found.members,
+        tables.read_text("Member", "member"),
+        tables.read_text("State", lambda row: state_word(row.state, row.summary.counts)),
+        *map(read_setting, found.columns),
+        tables.Reading(ID, lambda row: str(row.campaign)),
+        *_read_summary(RESULTS, summaries),
+        notes=note_results(summaries),
     )
-    rows = tuple(
-        (
-            row.member,
-            state_word(row.state, row.summary.counts),
-            *format_settings(row, found.columns),
-            str(row.campaign),
-            row.summary.counts.completed,
-            row.summary.counts.failures,
-            row.summary.failure_rate,
-            row.summary.log_probability_per_step,
-            row.summary.mean_severity,
-            row.summary.cost,
-            *([row.summary.estimate] if last else []),
-        )
-        for row in found.members
-    )
-    means = tuple(
-        (
-            label_spread(spread, len(found.over_seeds) == 1),
-            "",
-            *("" for _ in found.columns),
-            "",
-            *_list_means(spread),
-            *([None] if last else []),
-        )
-        for spread in found.over_seeds
-    )
+    blank = ("",) * (2 + len(found.columns))
+    # The service does not know the speed of a suite: its table has no column for that.
+    means = [(*blank, *figures, cost) for *figures, _, cost in map(list_spread, found.over_seeds)]
     remarks = " ".join(note_omissions(found))
-    table = tables.Table(found.suite, columns, (*rows, *means), note_results(summaries))
-    return (table, *([remarks] if remarks else []), *_describe_spreads(found.over_seeds))
-
-
-def _list_means(spread: SeedSpread) -> tuple[tables.Cell, ...]:
-    """Return the cells of means over seeds in the columns of a suite that the service knows."""
-    *figures, _, cost = list_spread(spread)
-    return (*figures, cost)
+    return (
+        _add_means(table, found.over_seeds, means),
+        *([remarks] if remarks else []),
+        *_describe_spreads(found.over_seeds),
+    )
 
 
 def format_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:
     """Return a member's settings in these columns."""
+    # Distributions have words of their own; other values are shown as they were given.
     varied = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
     known = {name: varied.get(name) or _shorten(each) for name, each in row.settings.items()}
     return tuple(known.get(column, DEFAULT) for column in columns)

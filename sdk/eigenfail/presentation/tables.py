@@ -9,7 +9,6 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import singledispatch
 from itertools import chain, starmap
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 from eigenfail.presentation import figures
@@ -20,9 +19,8 @@ from eigenfail.values.safety import Figure
 from eigenfail.values.summary import MeanTime
 
 NO_FAILURE = "no failure"
-OWN_EPISODES = "of the episodes that the method chose"
 OF_SEARCH = "of its search"
-"""Behind a share of such episodes where a column also has failure rates under p(x)."""
+"""Behind the share of a search where a column also has failure rates under p(x)."""
 
 _SENTENCE_CASE = re.compile(r"[A-Z][a-z]+\b")
 
@@ -133,13 +131,20 @@ class Reading(NamedTuple):
 
 
 def tabulate(
-    title: str, rows: Iterable[object], readings: Iterable[Reading], notes: tuple[str, ...] = ()
+    title: str, rows: Iterable[object], *readings: Reading, notes: tuple[str, ...] = ()
 ) -> Table:
     """Return a table with a row for each value; a field of a field is named with a dot."""
-    listed = tuple(readings)
-    readers = [attrgetter(read) if isinstance(read, str) else read for _, read in listed]
-    cells = tuple(tuple(read(row) for read in readers) for row in rows)
-    return Table(title, tuple(each.column for each in listed), cells, notes)
+    cells = tuple(tuple(_read_cell(row, each.read) for each in readings) for row in rows)
+    return Table(title, tuple(each.column for each in readings), cells, notes)
+
+
+def _read_cell(row: Any, read: str | Callable[[Any], Cell]) -> Any:
+    if not isinstance(read, str):
+        return read(row)
+    for name in read.split("."):
+        # A field of what is missing is missing, too: its cell is a dash.
+        row = None if row is None else getattr(row, name)
+    return row
 
 
 def read_text(title: str, read: str | Callable[[Any], Cell]) -> Reading:
@@ -164,6 +169,7 @@ def count_columns(*titles: str) -> tuple[TableColumn, ...]:
 
 def transpose(table: Table, heading: str = "") -> Table:
     """Return the table with a row for each of its columns; its first column heads the others."""
+    # Formatted first: the columns of the result mix the units of all rows.
     heads, *others = zip(*table.cells, strict=True) if table.rows else ((),)
     columns = (heading, *(cell.value for cell in heads))
     titles = (column.heading for column in table.columns[1:])
@@ -178,6 +184,7 @@ def list_notes(blocks: Iterable[Sequence[str]]) -> tuple[str, ...]:
 
 def format_cell(value: Cell, column: TableColumn = PLAIN) -> FormattedCell:
     """Return a value of a cell in this column as text."""
+    # Only floats need their column, for its unit and digits.
     if isinstance(value, float):
         return FormattedCell(_format_float(value, column))
     return _format(value)
@@ -213,6 +220,7 @@ def _(value: FormattedCell) -> FormattedCell:
     return value
 
 
+# Registered by itself, since bool is a kind of int: True would be the count 1.
 @_format.register
 def _(value: bool) -> FormattedCell:
     return FormattedCell("yes" if value else "no")
@@ -228,6 +236,7 @@ def _(value: Rate) -> FormattedCell:
     """A share with its interval; of no event, the upper bound, near 3 / n."""
     if value.interval is None:
         return FormattedCell(f"{figures.format_share(value.value)} {OF_SEARCH}")
+    # The interval of a rate of 0 begins at 0: only its upper end says something.
     if not value.k:
         bound = figures.format_upper_bound(value.interval.high)
         basis = ("95 % upper bound", *BASES[value.design])
@@ -242,6 +251,7 @@ def _(value: Cost) -> FormattedCell:
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
             return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))
+        # Rounded down, so that what is printed stays a lower bound.
         bound = f"≥ {figures.format_usd(figures.round_down(value.at_least_usd))}"
         return FormattedCell(bound, basis=("95 % lower bound",))
     amount = figures.format_usd(value.per_failure_usd)

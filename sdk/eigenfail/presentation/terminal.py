@@ -57,6 +57,7 @@ def _render_block(block: Block) -> RenderableType:
         figures = [column.label for column in block.columns if column.is_figure]
         grid = start_grid(*(column.label for column in block.columns), right=figures)
         for row in block.cells:
+            # Names may have brackets, which rich would read as markup.
             grid.add_row(*(escape(cell.line) for cell in row))
         return Group(grid, *map(Text, block.notes))
     if isinstance(block, FactTable):
@@ -71,6 +72,7 @@ def start_grid(*titles: str, right: Iterable[str] = ()) -> Grid:
     for title in titles:
         is_figure = title in figures
         justify: JustifyMethod = "right" if is_figure else "left"
+        # Numbers never wrap: in two lines one number reads as two.
         grid.add_column(escape(title), justify=justify, no_wrap=is_figure)
     return grid
 
@@ -90,6 +92,7 @@ class FittingGrid(Grid):
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Draw the columns that fit, then name the others."""
         kept = self._fit_columns(console, options.max_width)
+        # A copy: the same table may be drawn again on a wider screen.
         shown = copy(self)
         shown.columns = kept
         yield from Grid.__rich_console__(shown, console, options)
@@ -99,6 +102,7 @@ class FittingGrid(Grid):
 
     def _fit_columns(self, console: Console, width: int) -> list[Column]:
         kept = list(self.columns)
+        # A pipe has no width: what programs read has all columns, and each row on one line.
         for column in self._dispensable_columns():
             if sum(_least_width(console, each) + 1 for each in kept) - 1 <= width:
                 break
@@ -114,6 +118,7 @@ class FittingGrid(Grid):
 
 def _least_width(console: Console, column: Column) -> int:
     """Numbers in full, texts as far as their words allow."""
+    # Without a limit: rich would shorten what is measured to the width of the screen.
     options = console.options.update(width=_UNLIMITED)
     cells = [console.measure(cell, options=options) for cell in (column.header, *column.cells)]
     widest = max(cell.maximum for cell in cells)

@@ -61,6 +61,7 @@ def combine_activity(
     """
     here = {presence.worker: presence for presence in present}
     busy = {share.worker for share in at_work}
+    # Connected workers are listed even if they have no results yet.
     shares = defaultdict[str, list[WorkerShare]](list, {name: [] for name in here})
     for share in recent:
         shares[share.worker].append(share)
@@ -68,6 +69,7 @@ def combine_activity(
         summarize_activity(name, theirs, here.get(name), is_at_work=name in busy)
         for name, theirs in shares.items()
     ]
+    # By name, too: workers without results would change places each time the list is drawn.
     return tuple(sorted(found, key=lambda each: (-(each.last_ms or 0), each.worker)))
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 from msgspec.structs import replace
+from tests.support.chart_tables import read_headings, read_rows
 
 from eigenfail.values.analysis import AnalysisSettings, Diversity
 from eigenfail.values.campaign import Overhead
@@ -55,9 +56,13 @@ def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
     costs = [find_spending(store, store.campaigns.get(each)) for each in (long, short)]
     (chart,) = make_bill_charts(costs[:1], costs[1:])
     assert [line["name"][0] for line in chart.data["lines"]] == ["A", "B"]
-    assert chart.columns == ("USD", f"A: {long} monte_carlo", f"B: {short} monte_carlo")
-    assert chart.rows[4][2] == chart.rows[9][1] == "4"
-    assert chart.rows[5][2] == "–"
+    assert read_headings(chart.table) == (
+        "USD",
+        f"A: {long} monte_carlo",
+        f"B: {short} monte_carlo",
+    )
+    assert read_rows(chart.table)[4][2] == read_rows(chart.table)[9][1] == "4"
+    assert read_rows(chart.table)[5][2] == "–"
     nothing = store.campaigns.create(store.campaigns.get(unpaid).spec)
     assert make_bill_charts([find_spending(store, nothing)], []) == ()
 

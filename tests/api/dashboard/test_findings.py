@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from store_checks.examples import analyse_function
+from tests.support.chart_tables import read_headings, read_rows
 
 from eigenfail.values.analysis import (
     AnalysedCampaign,
@@ -150,7 +151,7 @@ def test_charts_call_groups_what_cards_call_groups(found):
     for result, noun, other in ((modes, "mode", "group"), (groups, "group", "mode")):
         for chart in make_mode_charts(result, 1):
             assert chart.data["noun"] == noun
-            words = " ".join((chart.caption, *chart.columns)).lower()
+            words = " ".join((chart.caption, *read_headings(chart.table))).lower()
             assert noun in words
             assert other not in words
 
@@ -227,19 +228,19 @@ def test_training_is_drawn_by_interval_with_its_table(found):
     mean, components = make_training_charts(replace(found, training=intervals))
     assert mean.data["channels"]["lateral"][0] == []
     assert mean.data["channels"]["lateral"][3] == [[3.0] * 4]
-    assert mean.columns[:2] == ("Step", "longitudinal 0 – 10 %")
-    assert len(mean.rows[0]) == len(mean.columns) == 21
-    assert mean.rows[2][4] == "3.00"
+    assert read_headings(mean.table)[:2] == ("Step", "longitudinal 0 – 10 %")
+    assert len(read_rows(mean.table)[0]) == len(read_headings(mean.table)) == 21
+    assert read_rows(mean.table)[2][4] == "3.00"
     assert components.data["names"] == ("component 1", "component 2")
-    assert components.rows[0] == ("0 – 10 %", "0", "–", "–", "–")
-    assert components.rows[1] == ("10 – 20 %", "3", "1", "25.0 %", "0.500")
+    assert read_rows(components.table)[0] == ("0 – 10 %", "0", "–", "–", "–")
+    assert read_rows(components.table)[1] == ("10 – 20 %", "3", "1", "25.0 %", "0.500")
 
 
 def test_long_episodes_are_thinned_for_the_screen(found):
     long = tuple(interval(place, 3, steps=5_000) for place in range(10))
     mean, _ = make_training_charts(replace(found, training=long))
     assert len(mean.data["steps"]) == len(mean.data["channels"]["lateral"][0][0]) == MOST_STEPS
-    assert len(mean.rows) == 5_000
+    assert len(read_rows(mean.table)) == 5_000
 
 
 def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):

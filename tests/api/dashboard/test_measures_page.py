@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 from msgspec.structs import replace
+from tests.support.chart_tables import read_rows
 
 from eigenfail.presentation.campaigns import list_severity
 from eigenfail.values.analysis import FEWEST_OF_MODE
@@ -140,7 +141,7 @@ def test_the_scatter_tells_classes_and_what_it_leaves_out():
     assert [describe_kind(point) for point in points] == ["not classified", "unavoidable"]
     chart = make_scatter_chart(Scatter(points, 40))
     assert chart.caption.endswith("2 of 40.")
-    assert chart.rows[1] == ("5", "−2.00", "9.00", "unavoidable")
+    assert read_rows(chart.table)[1] == ("5", "−2.00", "9.00", "unavoidable")
 
 
 def test_severity_without_failures_says_nothing(store, campaign, deliver, result):

@@ -12,7 +12,7 @@ from store_checks.examples import analyse_function
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.episode import Outcome
 from eigenfail.values.scene import Scene
-from eigenfail_api.dashboard import mode_overlay
+from eigenfail_api.dashboard import mode_page
 from eigenfail_services.campaigns.recordings import OverlayBounds
 
 STEPS = 10
@@ -99,7 +99,7 @@ def test_the_table_tells_the_same_by_time_before_the_end(http, overlaid, text_of
 
 def test_of_many_failures_some_are_shown_and_the_page_says_so(http, overlaid, monkeypatch):
     address = overlaid(*(drive(STEPS, 0.1 * number) for number in range(6)))
-    monkeypatch.setattr(mode_overlay, "BOUNDS", OverlayBounds(3, 10_000, 10_000))
+    monkeypatch.setattr(mode_page, "BOUNDS", OverlayBounds(3, 10_000, 10_000))
     page = http.get(f"{address}/overlay").text
     assert "3 of 6 failures" in page
     found = [each["episode"].rpartition("/")[2] for each in read_values(page)["failures"]]

@@ -60,7 +60,7 @@ def test_a_method_costs_what_all_of_its_campaigns_cost(store, make, deliver, res
         deliver(campaign, *(result(index) for index in range(5)))
         store.campaigns.add_active(campaign, 1500.0)
     # 1.00 USD for ten episodes: at most 1 − 0.05^(1/10) = 0.2589 failures in each.
-    assert "monte_carlo ≥ 0.386 95 % lower bound 0 10 ≤ 25.9 % 1.00 2" in look("/")
+    assert "monte_carlo ≥ 0.386 95 % lower bound 0 10 ≤ 25.9 % (0 of 10) 1.00 2" in look("/")
 
 
 def test_who_brought_results_lately_is_at_work(campaign, deliver, result, look):

@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from tests.support.chart_tables import read_headings, read_rows
 
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.values.disturbance import NoiseTrajectory
@@ -30,7 +31,7 @@ def scene(perceived, controls):
 @pytest.mark.parametrize(("perceived", "controls"), [(4, 4), (2, 4), (4, 2), (0, 0), (2, 3)])
 def test_steps_of_which_nothing_was_perceived_or_done_are_shown(perceived, controls):
     chart = make_scene_chart(scene(perceived, controls), None, Outcome.COLLISION)
-    known = [row[6] != UNKNOWN for row in chart.rows]
+    known = [row[6] != UNKNOWN for row in read_rows(chart.table)]
     told = min(perceived, controls)
     assert known == [True] * told + [False] * (STEPS + 1 - told)
 
@@ -83,9 +84,9 @@ def test_of_many_channels_the_strongest_come_first_and_the_others_on_demand():
     assert [*chart.data["channels"]][:3] == [names[5], names[2], names[6]]
     assert {*chart.data["channels"]} == {*names}
     assert (chart.channels, chart.channels_at_first) == (7, 3)
-    assert len(chart.columns) == len(chart.rows[0]) == 2 + 2 * 3
-    assert len(chart.every.columns) == 2 + 2 * 7
-    assert {len(row) for row in chart.every.rows} == {2 + 2 * 7}
+    assert len(read_headings(chart.table)) == len(read_rows(chart.table)[0]) == 2 + 2 * 3
+    assert len(read_headings(chart.every)) == 2 + 2 * 7
+    assert {len(row) for row in read_rows(chart.every)} == {2 + 2 * 7}
     few = make_noise_chart(NoiseTrajectory(z[:, :3], np.ones_like(z[:, :3])), 0.1, names[:3])
     assert [*few.data["channels"]] == names[:3]
     assert few.every is None
@@ -101,4 +102,4 @@ def test_a_vehicle_that_is_not_there_has_no_position_and_is_not_the_nearest():
     assert chart.data["nearest"] == [1, 1, 2, 2, 2]
     assert np.isnan(chart.data["vehicles"][2][1]).all()  # null in JSON
     assert None not in chart.data["apart"]
-    assert UNKNOWN not in {row[4] for row in chart.rows}
+    assert UNKNOWN not in {row[4] for row in read_rows(chart.table)}

@@ -68,8 +68,7 @@ def test_suites_are_cut_with_words(http, hits, make):
     assert page.count(f"The first {MOST_HITS} are listed, and there are more.") == 2
     assert page.count("Type a longer part of the name.") == 1
     assert len([each for each in hits("nightly") if each.startswith("/suites/")]) == MOST_HITS
-    command = "eigenfail campaign list --tag=wet --limit=1000"
-    assert f"List more of them: <code>{command}</code>" in http.get("/search?q=wet").text
+    assert '<a href="/?tag=wet">List all of them</a>' in http.get("/search?q=wet").text
 
 
 def test_campaigns_are_found_by_their_planners_version_and_by_tags(http, hits, make):

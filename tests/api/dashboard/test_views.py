@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from tests.support.chart_tables import read_headings, read_rows
 
 from eigenfail.values.analysis import Diversity, FailureMode
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
@@ -76,9 +77,9 @@ def test_the_curve_draws_the_course():
     assert chart.title == "Learning curve"
     assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
     assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
-    assert chart.rows[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.96] %", "–", "4.50")
-    assert chart.rows[1][-2:] == ("−2.50", "4.50")
-    assert len(chart.columns) == len(chart.rows[0])
+    assert read_rows(chart.table)[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.96] %", "–", "4.50")
+    assert read_rows(chart.table)[1][-2:] == ("−2.50", "4.50")
+    assert len(read_headings(chart.table)) == len(read_rows(chart.table)[0])
 
 
 def test_the_share_of_a_search_is_not_called_a_failure_rate():
@@ -88,8 +89,10 @@ def test_the_share_of_a_search_is_not_called_a_failure_rate():
         for block in counted.blocks
     )
     searched = make_curve_chart(replace(counted, blocks=chosen))
-    assert (drawn.data["what"], drawn.columns[3]) == ("Failure rate", "Failure rate")
-    assert searched.data["what"] == searched.columns[3] == "Share of episodes that failed"
+    assert (drawn.data["what"], read_headings(drawn.table)[3]) == ("Failure rate", "Failure rate")
+    assert (
+        searched.data["what"] == read_headings(searched.table)[3] == "Share of episodes that failed"
+    )
     assert searched.caption.startswith(
         "Share of episodes that failed by blocks of 100 episodes that the method chose, which is "
         "no failure rate under p(x);"
@@ -103,7 +106,7 @@ def test_what_is_left_out_is_said():
     )
     whole = make_robustness_chart([row(0), row(1)], course, 2)
     assert "sample" not in whole.caption
-    assert whole.rows == (("0 – 99", "100", "0.250", "4.50"),)
+    assert read_rows(whole.table) == (("0 – 99", "100", "0.250", "4.50"),)
 
 
 def test_the_robustness_of_a_function_is_no_distance():
@@ -111,7 +114,7 @@ def test_the_robustness_of_a_function_is_no_distance():
     for unit in ("m", ""):
         curve = make_curve_chart(course, unit)
         chart = make_robustness_chart([row(0)], course, 1, unit)
-        texts = (*curve.columns, *chart.columns, chart.caption)
+        texts = (*read_headings(curve.table), *read_headings(chart.table), chart.caption)
         assert any("[m]" in text for text in texts) is bool(unit)
         assert ("footprints" in chart.caption) is bool(unit)
         assert chart.data["unit"] == unit
@@ -132,7 +135,7 @@ def test_columns_and_axes_name_metres_only_of_a_road(simulators, unit):
     ]
     chart = make_distance_chart(compared)
     assert chart.data["x"] == f"Robustness{unit}"
-    assert chart.note == f"Quantiles of robustness{unit}."
+    assert chart.table.notes == (f"Quantiles of robustness{unit}.",)
     assert chart.caption.endswith("; 0 m is a failure." if unit == " [m]" else "; 0 is a failure.")
     units = [
         next(
