@@ -27,6 +27,7 @@ COMMANDS = "eigenfail.commands"
 ROUTES = "eigenfail.routes"
 DATABASE_TOOLS = "eigenfail.database_tools"
 EXPORTS = "eigenfail.exports"
+NOTEBOOKS = "eigenfail.notebooks"
 
 NEEDED = {METHODS: "Settings", PLANNERS: "Settings", SCENARIOS: "Parameters"}
 """The attribute of a plug-in without which no campaign with it can be described, by group."""

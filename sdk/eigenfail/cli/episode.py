@@ -307,7 +307,7 @@ def show_episode(client: Client, episode: options.EpisodeId) -> CommandResult:
     campaign, index = options.parse_episode_id(episode)
     found, spec = client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
-    facts = episodes.list_episode_facts(campaign, spec, found, drawn_here)
+    facts = episodes.list_episode_facts(f"{campaign}/{found.index}", found, spec, drawn_here)
     return CommandResult(found, lambda: render(facts))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from eigenfail.presentation import figures, tables
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode, InfluenceShare, Moment
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import AXES, number_channels
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.proof import Proof, ReplayedNoise, Reproduction
 
@@ -118,33 +118,6 @@ def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[
         tables.FormattedCell(figures.format_signed(float(noise.mean()))) for noise in noises
     )
     yield from map(format_peak, noises)
-
-
-def list_mode_facts(mode: FailureMode) -> tables.FactTable:
-    """Return one failure mode by itself: its size, its medoid and its strongest noise."""
-    place = "" if mode.medoid_campaign is None else f" of campaign {mode.medoid_campaign}"
-    steps, channels = mode.eigenfailure.shape
-    peaks = map(format_peak, mode.eigenfailure.T) if steps else ()
-    rows = (
-        *([("number", str(mode.number))] if mode.number else []),
-        ("failures", figures.format_count(mode.failures)),
-        ("medoid", f"episode {mode.medoid}{place}"),
-        (
-            "eigenfailure",
-            f"{figures.count_noun(steps, 'step')}, {figures.count_noun(channels, 'channel')}",
-        ),
-        *(
-            (f"peak of {name} [sigma]", peak)
-            for name, peak in zip(number_channels(channels), peaks, strict=False)
-        ),
-        *_list_probability(mode),
-    )
-    return tables.FactTable("Failure mode", rows)
-
-
-def _list_probability(mode: FailureMode) -> Iterator[tuple[str, str]]:
-    if mode.probability is not None:
-        yield "probability under p(x)", tables.format_cell(mode.probability).line
 
 
 def format_peak(noise: Floats) -> str:

@@ -1,6 +1,6 @@
 """The disturbance model p(x), its conversion to injected errors, and noise trajectories."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
 from math import isfinite
@@ -17,12 +17,13 @@ from eigenfail.values.channels import (
     MOST_CHANNELS,
     SCENARIO,
     Channel,
+    name_columns,
     resolve_channels,
     split_name,
     write_out,
 )
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
-from eigenfail.values.showing import Brief, Plottable, Tabular
+from eigenfail.values.showing import Brief
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 from eigenfail.values.variation import make_correlation_matrix
 
@@ -285,7 +286,7 @@ def number_channels(count: int) -> tuple[str, ...]:
     return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
 
 
-class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False, dict=True):
+class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
     """The disturbances of one episode, step by step, up to its end.
 
     Attributes:
@@ -345,6 +346,17 @@ class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq
         probability of what happens at t.
         """
         return _find_log_densities([self])
+
+
+def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[dict[str, float]]:
+    """Return a row for each step of noise, with columns for each of its channels by these names."""
+    columns = [name_columns(name) for name in channels]
+    rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
+    for step, (injected, z, sigma) in enumerate(rows):
+        row: dict[str, float] = {"step": step}
+        for names, a_t, z_t, sigma_t in zip(columns, injected, z, sigma, strict=True):
+            row |= {names.error: float(a_t), names.z: float(z_t), names.sigma: float(sigma_t)}
+        yield row
 
 
 class ChannelLikelihood(msgspec.Struct, frozen=True):
