@@ -14,8 +14,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TextIO
 
+from eigenfail.command_line import report_uncaught
 from eigenfail.errors import InvalidValue
-from eigenfail.uncaught import report_uncaught
 from eigenfail.values.access import redact
 
 VARIABLE = "EIGENFAIL_LOG_FORMAT"

@@ -20,7 +20,6 @@ from eigenfail.presentation.tables import Block, FactTable, Table, format_cell, 
 from eigenfail.values.analysis import Analysis, FailureMode, Mode
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Comparison
-from eigenfail.values.disturbance import number_channels
 from eigenfail.values.proof import Proof
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.rows import SHOWN, Rows
@@ -28,7 +27,7 @@ from eigenfail.values.safety import Safety
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.values.summary import CampaignCost, Course, Summary
-from eigenfail_notebook.frames import flatten
+from eigenfail_notebook.frames import flatten, number_channels
 
 Blocks = tuple[Block, ...]
 

@@ -24,7 +24,7 @@ from eigenfail.values.analysis import Analysis, AnalysisResult, Mode
 from eigenfail.values.campaign import Counts
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.comparison import Comparison
-from eigenfail.values.disturbance import NoiseTrajectory, list_noise, number_channels
+from eigenfail.values.disturbance import AXES, NoiseTrajectory, list_noise
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.rows import Rows
@@ -94,6 +94,14 @@ def _(value: AnalysisResult) -> Iterator[Record]:
     for episode, mode, scores in zip(value.episodes, value.labels, value.scores, strict=True):
         named = {f"score_{number}": float(score) for number, score in enumerate(scores, 1)}
         yield {"index": episode, "mode": mode + 1, **named}
+
+
+def number_channels(count: int) -> tuple[str, ...]:
+    """Return names of a number of channels whose own names are not known.
+
+    Two channels have the names of those that there always were.
+    """
+    return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
 
 
 @records.register

@@ -17,12 +17,12 @@ from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Comparison
-from eigenfail.values.disturbance import NoiseTrajectory, number_channels
+from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.safety import Safety
 from eigenfail.values.summary import CampaignCost, Course
-from eigenfail_notebook.frames import result_of
+from eigenfail_notebook.frames import number_channels, result_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,7 +17,6 @@ from eigenfail.contracts.recording import KNOWN, EgoControl
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
 from eigenfail.filters import parse_fields
-from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation import episodes
@@ -31,7 +30,7 @@ from eigenfail.values.export import ExportFormat, ExportRequest
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.operations import Versions
 from eigenfail.values.proof import Replayed
-from eigenfail.versions import differences, versions
+from eigenfail.versions import CODE, differences, fingerprint_plugins, select_code, versions
 from eigenfail.wire.http import SHRINK_WITHIN
 from eigenfail.worlds import drawn_for, placed_for
 

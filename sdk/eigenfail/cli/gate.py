@@ -18,7 +18,6 @@ from eigenfail.cli.options import AsJson, Data, Limit, Url, Workers
 from eigenfail.cli.render import INTERRUPTED, first_rows, show
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
-from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
 from eigenfail.gate.baselines import name_run
 from eigenfail.gate.report import (
     INCONCLUSIVE,
@@ -31,6 +30,7 @@ from eigenfail.gate.reruns import JudgedBy
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.hosting.service import Plan
 from eigenfail.suites import Suite
+from eigenfail.versions import LENGTH, list_packages, read_package_files
 
 
 def _check_folder(junit: Path | None) -> None:

@@ -278,14 +278,6 @@ TRAJECTORIES_AT_A_TIME = 32
 doubles stay in the cache of the processor."""
 
 
-def number_channels(count: int) -> tuple[str, ...]:
-    """Return names of a number of channels whose own names are not known.
-
-    Two channels have the names of those that there always were.
-    """
-    return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
-
-
 class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
     """The disturbances of one episode, step by step, up to its end.
 
