@@ -61,6 +61,7 @@ class CheckedOutput:
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
+        # Libraries may catch the first error and write on: it is raised until the program ends.
         if self._failure is not None:
             raise self._failure
         try:
@@ -97,6 +98,7 @@ def checked_stdout() -> Iterator[None]:
         yield
         return
     checked = CheckedOutput(stream)
+    # rich and typer take `sys.stdout` anew at each print, so that they write to this one.
     sys.stdout = checked
     try:
         yield
@@ -127,6 +129,7 @@ def report_uncaught(report: Report = print_uncaught) -> None:
     Args:
         report: reports an error.
     """
+    # A debugger or a test runner that set a hook wants to see the error itself.
     if sys.excepthook is sys.__excepthook__:
         sys.excepthook = lambda _kind, error, _trace: _report_error(report, error)
     if threading.excepthook is threading.__excepthook__:

@@ -86,6 +86,7 @@ def tell_story(episode: ExplainedEpisode) -> list[str]:
 def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
     scene = episode.result.scene
     for place, (before, now) in enumerate(pairwise(episode.steps), 1):
+        # A counter: only its rises are losses.
         if _read_figure(now, "lost_tracks") <= _read_figure(before, "lost_tracks"):
             continue
         numbers: list[int | None]
@@ -159,6 +160,7 @@ def _find_unsolved_programs(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
+    # An episode may have no step: its fault is told by its end.
     hardest = min(episode.steps, key=lambda step: step.acceleration_mps2, default=None)
     if hardest is not None and hardest.acceleration_mps2 < -BRAKED_MPS2:
         braked = f"it asked for its hardest braking: {-hardest.acceleration_mps2:.2f} m/s²"
@@ -224,6 +226,7 @@ def _format_number(value: float | None, digits: int) -> str:
 
 
 def _describe_spans(spans: Sequence[Steps], what: str) -> Iterator[_Event]:
+    # A planner that changes its mind at each step would otherwise fill pages.
     if len(spans) <= _MOST_SENTENCES:
         yield from (_Event(span[0].time_s, f"{_format_span(span)} {what}") for span in spans)
         return
@@ -302,6 +305,7 @@ def build_explanation(
     episode: str, planner: str, replayed: Replayed, explained: ExplainedEpisode, window: StepWindow
 ) -> Explanation:
     """Build the explanation of an episode from its replay."""
+    # A planner without `explain` is no error: its controls are told all the same.
     silent = not any(step.account for step in explained.steps)
     return Explanation(
         episode=episode,

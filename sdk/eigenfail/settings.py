@@ -42,6 +42,7 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
             raises.
     """
     known = kind.__struct_fields__
+    # msgspec itself ignores unknown names, unless the struct of the plug-in forbids them.
     for name in given:
         if name not in known:
             raise UnknownName(field, str(name), known)

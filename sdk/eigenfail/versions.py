@@ -49,6 +49,7 @@ def versions() -> dict[str, str]:
     found = {
         "python": platform.python_version(),
         "machine": f"{platform.machine()} {sys.platform} {platform.libc_ver()[1]}".strip(),
+        # Kernels of numerical libraries, and so the last bits, are chosen by the processor.
         "processor": find_processor(),
     }
     return found | {

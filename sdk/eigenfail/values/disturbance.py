@@ -98,6 +98,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return the channels of the noise, in the order of the columns of z."""
         if not isinstance(self.channels, msgspec.UnsetType):
             return tuple(channel.filled() for channel in self.channels)
+        # The fields of a position are these two channels, written as before there were channels.
         along = Channel(AXES[0], self.longitudinal_base_m, self.longitudinal_slope)
         return along, Channel(AXES[1], self.lateral_base_m, self.lateral_slope)
 
@@ -107,6 +108,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if isinstance(self.channels, msgspec.UnsetType):
             return self.shape
         shapes = tuple(channel.shape or White() for channel in self.list_channels())
+        # One shape for all columns computes them at once; a shape for each takes a call for each.
         return White() if set(shapes) == {White()} else PerChannel(shapes)
 
     @property
@@ -148,6 +150,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             pairs.append(pair)
         parameters = self.searched_parameters
         matrix = make_correlation_matrix(parameters, self.parameter_correlations)
+        # Not by trying a Cholesky factor: its error would not say how far off the matrix is.
         smallest = float(np.linalg.eigvalsh(matrix)[0])
         if smallest < SMALLEST_EIGENVALUE:
             raise InvalidValue(
@@ -168,6 +171,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         if isinstance(self.channels, msgspec.UnsetType):
             return self
+        # `scale` and `occlusion` apply to named channels, too: only the rest must be the default.
         plain = DisturbanceModel(
             self.longitudinal_slope,
             self.longitudinal_base_m,
@@ -303,6 +307,7 @@ class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
             InvalidValue: noise would be beyond the range of float32.
         """
         z = _convert(Conversion(shape).to_z, injected, sigma)
+        # Refused before the conversion, which would make infinity of it without a word.
         if (lost := find_lost(z)) is not None:
             problem = f"noise of {lost:g} sigma is beyond ±{LARGEST_FLOAT32:g}."
             raise InvalidValue("injected", problem, "Look at the recorded disturbances and sigma.")
@@ -343,6 +348,7 @@ class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
 def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[dict[str, float]]:
     """Return a row for each step of noise, with columns for each of its channels by these names."""
     columns = [name_columns(name) for name in channels]
+    # As floats of Python: numpy's are not written by every encoder of JSON and CSV.
     rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
     for step, (injected, z, sigma) in enumerate(rows):
         row: dict[str, float] = {"step": step}

@@ -100,6 +100,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     its maximum: DRAC = v² / (2 · gap) tends to infinity at contact, so that every collision would
     be called unavoidable.
     """
+    # An errored episode is counted as such, and not as unresolved besides.
     if measures is None or outcome is Outcome.ERRORED:
         return Assessment(unresolved=False)
     if outcome is not Outcome.COLLISION and measures.collided_s is not None:
