@@ -254,10 +254,10 @@ def _list_types(kind: type, path: Sequence[str]) -> list[Any]:
 
 def _flatten(types: Sequence[Any]) -> list[Any]:
     """Return types without metadata, and the members of unions in place of these."""
-    found = []
+    found: list[Any] = []
     for each in types:
         # Metadata holds schemas for OpenAPI; the bounds are those of the type within.
-        plain = each.type if isinstance(each, msgspec.inspect.Metadata) else each
+        plain: Any = each.type if isinstance(each, msgspec.inspect.Metadata) else each
         is_union = isinstance(plain, msgspec.inspect.UnionType)
         found += _flatten(plain.types) if is_union else [plain]
     return found

@@ -61,7 +61,6 @@ def set_path(table: Table, path: KeyPath, value: Any) -> Table:
 
 
 def _apply_changes(table: Table, changes: Changes) -> Table:
-
     for path, value in changes.items():
         table = set_path(table, path, value)
     return table
