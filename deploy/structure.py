@@ -66,8 +66,6 @@ PUBLIC = [
     "change_mode",
     "change_episode",
     "wait_for_proof",
-    "to_pandas",
-    "to_arrow",
     "LearnerSuite",
     "SIMULATION_CHECKS",
     "analysis_result",

@@ -18,21 +18,6 @@ _PLACES = {
     "local": ("eigenfail.hosting.session", "Local"),
 }
 
-# Values know nothing of tables, pages, diagrams and pandas; here they find who converts them.
-_CONVERTERS = {
-    "html": ("eigenfail.presentation.notebook", "to_html"),
-    "pandas": ("eigenfail.frames", "to_pandas"),
-    "numpy": ("eigenfail.frames", "to_numpy"),
-    "arrow": ("eigenfail.frames", "to_arrow"),
-    "plot": ("eigenfail.presentation.plots", "plot"),
-}
-
-
-def convert(value: object, form: str, *options: object) -> Any:
-    """Return a value as `html`, as a `plot`, or as a table of `pandas`, `numpy` or `arrow`."""
-    module, function = _CONVERTERS[form]
-    return getattr(import_module(module), function)(value, *options)
-
 
 def __getattr__(name: str) -> Any:
     """One of the names in `__all__`.

@@ -27,10 +27,13 @@ def is_loopback(host: str) -> bool:
     Args:
         host: without a port; an address of IPv6 with or without brackets.
     """
+    # URLs write IPv6 in brackets, the `ipaddress` module reads it without.
     bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
     try:
         return ip_address(bare).is_loopback
     except ValueError:
+        # Names of hosts have no case. `localhost` is fixed to loopback by RFC 6761, no other name
+        # is.
         return bare.lower() == "localhost"
 
 
@@ -48,6 +51,7 @@ _SQLITE = re.compile(r"sqlite(\+pysqlite)?://(?P<host>[^/]*)(/(?P<path>.*))?", r
 
 def sqlite_url(path: Path) -> str:
     """The URL of the SQLite database in a file."""
+    # As bytes: names of files need not be valid UTF-8, and the way back must give the same file.
     return f"sqlite:///{quote(os.fsencode(path))}"
 
 
@@ -70,6 +74,7 @@ def sqlite_path(url: str) -> Path:
             "options.",
         )
     name = unquote_to_bytes(text)
+    # SQLite would open a database in memory for the first two, which other processes cannot see.
     if name in {b"", b":memory:"} or b"\0" in name:
         raise InvalidValue("database", "The address does not contain a file name.", FORM)
     return Path(os.fsdecode(name)).absolute()

@@ -36,6 +36,7 @@ MOST_PARAMETERS = 64
 MAX_OFFER_BYTES = 256 * 1024
 """Longest offer of a bridge, as JSON, that workers report and services keep."""
 
+# What JSON, MessagePack and other languages all have: bridges need not be written in Python.
 Plain = bool | int | float | str
 Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_TEXT)]
 Steps = Annotated[int, Meta(ge=1, le=10_000)]
@@ -156,6 +157,8 @@ def check(spec: CampaignSpec) -> Variation:
         InvalidValue: the horizon is missing, a value is no number, truth value or text, or there
             are too many.
     """
+    # The bridge may be away while a campaign is checked: all that can be said without it is said
+    # now.
     read_plain(spec.planner_settings, "planner_settings")
     return variation(spec.scenario_parameters, model=spec.disturbance)
 
@@ -232,6 +235,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
     refuse_too_many(given, field)
     for name, value in given.items():
         fits = {str: lambda text: len(text) <= LONGEST_TEXT, float: isfinite}
+        # By the exact type: a subclass, as of numpy's floats, may be encoded as anything.
         if type(value) not in Plain.__args__ or not fits.get(type(value), lambda _: True)(value):
             problem = "is not a finite number, a Boolean or a short string."
             raise InvalidValue(f"{field}.{name}", problem, "A bridge receives no other parameters.")
@@ -287,6 +291,7 @@ def check_demand(offer: BridgeOffer, demand: EpisodeDemand) -> None:
     if demand.steps > scenario.steps:
         problem = f"{named} has no more than {scenario.steps} steps."
         raise InvalidValue("scenario_parameters.steps", problem, "Ask for no more.")
+    # No tolerance: with another step, the noise of a step would last for another time.
     if demand.dt_s != scenario.dt_s:
         asked_s, dt_s = demand.dt_s, scenario.dt_s
         problem = f"a step of {named} takes {dt_s:g} s, and not {asked_s:g} s."

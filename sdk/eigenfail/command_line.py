@@ -1,10 +1,12 @@
-"""What all command lines share: arguments without secrets in errors, and output that can fail."""
+"""What all programs share: no secrets in errors, and output that can fail."""
 
 import argparse
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+import threading
+import traceback
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn, TextIO
 
@@ -59,6 +61,7 @@ class CheckedOutput:
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
+        # Libraries may catch the first error and write on: it is raised until the program ends.
         if self._failure is not None:
             raise self._failure
         try:
@@ -95,6 +98,7 @@ def checked_stdout() -> Iterator[None]:
         yield
         return
     checked = CheckedOutput(stream)
+    # rich and typer take `sys.stdout` anew at each print, so that they write to this one.
     sys.stdout = checked
     try:
         yield
@@ -106,3 +110,35 @@ def checked_stdout() -> Iterator[None]:
         checked.flush()
     finally:
         sys.stdout = stream
+
+
+Report = Callable[[BaseException], None]
+
+
+def print_uncaught(error: BaseException) -> None:
+    """Print an error as Python does, without the secrets in it."""
+    from eigenfail.values.access import redact  # all of the values, for which no command waits
+
+    with suppress(OSError, ValueError):
+        sys.stderr.write(redact("".join(traceback.format_exception(error))))
+
+
+def report_uncaught(report: Report = print_uncaught) -> None:
+    """Print uncaught errors of all threads without secrets; hooks set before are kept.
+
+    Args:
+        report: reports an error.
+    """
+    # A debugger or a test runner that set a hook wants to see the error itself.
+    if sys.excepthook is sys.__excepthook__:
+        sys.excepthook = lambda _kind, error, _trace: _report_error(report, error)
+    if threading.excepthook is threading.__excepthook__:
+        threading.excepthook = lambda found: _report_error(report, found.exc_value)
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook = lambda found: _report_error(report, found.exc_value)
+
+
+def _report_error(report: Report, error: BaseException | None) -> None:
+    """Ignore SystemExit, which is no error."""
+    if error is not None and not isinstance(error, SystemExit):
+        report(error)

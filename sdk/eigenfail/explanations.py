@@ -3,7 +3,7 @@
 The names looked for in a planner's account of a step are those of `ExplainingPlanner`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import groupby, pairwise
 from math import cos, inf, isfinite, isnan
@@ -14,7 +14,7 @@ import msgspec
 
 from eigenfail import logs, processes
 from eigenfail.processes import answer
-from eigenfail.replays import ReplayQuestion, answer_replays, explain_episode
+from eigenfail.replays import MODULE, ReplayQuestion, answer_replays, explain_episode
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import EpisodeResult, Outcome
@@ -31,6 +31,10 @@ BRAKED_MPS2 = 0.1
 _MOST_SENTENCES = 3
 """More spans of a kind than this share one sentence."""
 
+
+NOTHING = frozenset({"", "none"})
+SOLVED = frozenset({"", "solved"})
+"""What planners report where there is nothing to tell; empty, where they report nothing."""
 
 Steps = Sequence[ExplainedStep]
 
@@ -86,6 +90,7 @@ def tell_story(episode: ExplainedEpisode) -> list[str]:
 def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
     scene = episode.result.scene
     for place, (before, now) in enumerate(pairwise(episode.steps), 1):
+        # A counter: only its rises are losses.
         if _read_figure(now, "lost_tracks") <= _read_figure(before, "lost_tracks"):
             continue
         numbers: list[int | None]
@@ -104,9 +109,11 @@ def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 def _find_blindness(episode: ExplainedEpisode) -> Iterator[_Event]:
     def is_blind(vehicle: int, step: ExplainedStep) -> bool:
-        return _has_word("heeds", "nobody", step) and step.ahead == vehicle
+        return read_word(step, "heeds") == "nobody" and step.ahead == vehicle
 
-    for vehicle in _list_numbers(step.ahead for step in episode.steps):
+    # A dict keeps the order in which vehicles come up.
+    ahead = dict.fromkeys(step.ahead for step in episode.steps if step.ahead is not None)
+    for vehicle in ahead:
         name = _name_vehicle(episode, vehicle, "")
         what = f"{name}, the next one ahead" if name else "the vehicle ahead"
         spans = _find_spans(episode.steps, partial(is_blind, vehicle))
@@ -114,6 +121,9 @@ def _find_blindness(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
+    def is_wrong(times_s: set[float], step: ExplainedStep) -> bool:
+        return step.time_s in times_s
+
     # The estimate of a new track starts wrong: steps before the first good estimate of a vehicle do
     # not count.
     for vehicle in dict.fromkeys(step.vehicle for step in episode.steps):
@@ -126,7 +136,7 @@ def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
         wrong = {step.time_s for step in judged if step.time_s >= settled_s and _is_misjudged(step)}
         name = _name_vehicle(episode, vehicle, "")
         whom = f" on {name}" if name else ""
-        for span in _find_spans(episode.steps, partial(_is_one_of, wrong)):
+        for span in _find_spans(episode.steps, partial(is_wrong, wrong)):
             believed = fmean(_read_figure(step, "closing_mps") for step in span)
             true = fmean(step.closing_mps or 0.0 for step in span)
             text = f"it believed to close in{whom} at {believed:.1f} m/s on average; in truth"
@@ -135,7 +145,7 @@ def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
     def is_lead(vehicle: int | None, step: ExplainedStep) -> bool:
-        return _has_word("heeds", "lead", step) and step.vehicle == vehicle
+        return read_word(step, "heeds") == "lead" and step.vehicle == vehicle
 
     for vehicle in dict.fromkeys(step.vehicle for step in episode.steps):
         name = _name_vehicle(episode, vehicle, "the vehicle ahead")
@@ -144,21 +154,22 @@ def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _find_overrides(episode: ExplainedEpisode) -> Iterator[_Event]:
-    names = dict.fromkeys(read_word(step, "override") for step in episode.steps)
+    def is_override(name: str, step: ExplainedStep) -> bool:
+        return read_word(step, "override") == name
+
     # A set has no order, but the events of all finders are sorted by time.
-    for name in names.keys() - {"", "none"}:
-        spans = _find_spans(episode.steps, partial(_has_word, "override", name))
+    for name in {read_word(step, "override") for step in episode.steps} - NOTHING:
+        spans = _find_spans(episode.steps, partial(is_override, name))
         yield from _describe_spans(spans, f"the plan was overridden: {name.replace('_', ' ')}")
 
 
 def _find_unsolved_programs(episode: ExplainedEpisode) -> Iterator[_Event]:
-    spans = _find_spans(
-        episode.steps, lambda step: read_word(step, "qp_status") not in ("", "solved")
-    )
+    spans = _find_spans(episode.steps, lambda step: read_word(step, "qp_status") not in SOLVED)
     yield from _describe_spans(spans, "the quadratic program was not solved")
 
 
 def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
+    # An episode may have no step: its fault is told by its end.
     hardest = min(episode.steps, key=lambda step: step.acceleration_mps2, default=None)
     if hardest is not None and hardest.acceleration_mps2 < -BRAKED_MPS2:
         braked = f"it asked for its hardest braking: {-hardest.acceleration_mps2:.2f} m/s²"
@@ -224,6 +235,7 @@ def _format_number(value: float | None, digits: int) -> str:
 
 
 def _describe_spans(spans: Sequence[Steps], what: str) -> Iterator[_Event]:
+    # A planner that changes its mind at each step would otherwise fill pages.
     if len(spans) <= _MOST_SENTENCES:
         yield from (_Event(span[0].time_s, f"{_format_span(span)} {what}") for span in spans)
         return
@@ -252,23 +264,9 @@ def read_word(step: ExplainedStep, name: str) -> str:
     return str(step.account.get(name, ""))
 
 
-def _has_word(name: str, text: str, step: ExplainedStep) -> bool:
-    return read_word(step, name) == text
-
-
 def _read_figure(step: ExplainedStep, name: str) -> float:
     value = step.account.get(name, 0.0)
     return value if isinstance(value, float) else 0.0
-
-
-def _is_one_of(times_s: set[float], step: ExplainedStep) -> bool:
-    return step.time_s in times_s
-
-
-def _list_numbers(numbers: Iterable[int | None]) -> list[int]:
-    """Return the numbers that occur, in their order."""
-    # A dict keeps the order in which vehicles come up.
-    return [number for number in dict.fromkeys(numbers) if number is not None]
 
 
 def _find_speed_error(step: ExplainedStep) -> float | None:
@@ -302,6 +300,7 @@ def build_explanation(
     episode: str, planner: str, replayed: Replayed, explained: ExplainedEpisode, window: StepWindow
 ) -> Explanation:
     """Build the explanation of an episode from its replay."""
+    # A planner without `explain` is no error: its controls are told all the same.
     silent = not any(step.account for step in explained.steps)
     return Explanation(
         episode=episode,
@@ -344,9 +343,6 @@ def describe_unsteadiness(how: str) -> str:
         f"The stack does not repeat itself: two replays of the same noise with the same code "
         f"differ ({how}). Fix its random seeds, and keep time and threads out of its decisions."
     )
-
-
-MODULE = "eigenfail.explanations"
 
 
 TIMEOUT_S = 60.0
@@ -405,12 +401,6 @@ def _explain(wanted: _ExplanationQuestion) -> Explanation:
 
 
 _MOST_MOMENTS = 12
-
-
-NOTHING = frozenset({"", "none"})
-
-
-SOLVED = frozenset({"", "solved"})
 
 
 class NotableMoment(msgspec.Struct, frozen=True):

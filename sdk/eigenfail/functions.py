@@ -121,8 +121,10 @@ def check(spec: CampaignSpec) -> FunctionParameters:
     if not PLACE.fullmatch(spec.planner):
         problem = f"'{spec.planner}' is not of the form module:function."
         raise InvalidValue("planner", problem, 'Write it as planner = "my_module:robustness".')
+    # A function takes noise alone.
     if spec.planner_settings:
         raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
+    # Whatever else is set would be ignored, and its author would not know.
     plain = replace(spec.disturbance, scale=1.0, shape=White())
     if plain != DisturbanceModel():
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
@@ -220,6 +222,7 @@ def _binds_unseen_names(tree: ast.Module) -> bool:
     """Whether a module may have names that no statement of it spells out."""
     nodes = tuple(ast.walk(tree))
     used = {node.id for node in nodes if isinstance(node, ast.Name)}
+    # What a star brings is known only once the other module has run.
     stars = (node.names[0].name == "*" for node in nodes if isinstance(node, ast.ImportFrom))
     return any(stars) or not used.isdisjoint(NAMESPACE_ACCESS)
 
@@ -304,6 +307,7 @@ def allow_functions(specs: Iterable[CampaignSpec]) -> None:
     places = [spec.planner for spec in specs if spec.simulator == SIMULATOR]
     modules = sorted({place.partition(":")[0] for place in places if PLACE.fullmatch(place)})
     if modules:
+        # In the environment, which workers inherit.
         os.environ.setdefault(ALLOWED_VARIABLE, ",".join(modules))
 
 

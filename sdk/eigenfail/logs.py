@@ -14,8 +14,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TextIO
 
+from eigenfail.command_line import report_uncaught
 from eigenfail.errors import InvalidValue
-from eigenfail.uncaught import report_uncaught
 from eigenfail.values.access import redact
 
 VARIABLE = "EIGENFAIL_LOG_FORMAT"
@@ -62,6 +62,7 @@ def configure(process: str) -> None:
 
     stream: TextIO = LossyStderr()  # type: ignore[assignment]
     wanted = os.environ.get(VARIABLE) or "text"
+    # A typing error must not silently give a log that no collector can read.
     if wanted not in FORMATS:
         raise InvalidValue(VARIABLE, f"'{wanted}' is not a valid log format.", "Use text or json.")
     FORMATS[wanted](process, stream)

@@ -103,6 +103,7 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
     None where that is not known: its method is not installed here or has members, or stop rules on
     results keep fewer rounds open.
     """
+    # Such rules keep fewer rounds open, and how many depends on the results.
     if spec.stop.judges_results:
         return None
     try:
@@ -155,6 +156,7 @@ def find_narrow_campaigns(running: Sequence[Campaign], workers: int) -> tuple[Na
     """
     known = [(each, count_open_episodes(each.spec)) for each in running]
     opened = [count for _, count in known if count is not None]
+    # Advice that may be wrong is worse than none: one campaign that is not known settles it.
     if not known or len(opened) < len(known) or sum(opened) >= workers:
         return ()
     share = ceil(workers / len(known))

@@ -30,6 +30,7 @@ DATABASE_TOOLS = "eigenfail.database_tools"
 EXPORTS = "eigenfail.exports"
 TABLES = "eigenfail.tables"
 TASKS = "eigenfail.tasks"
+NOTEBOOKS = "eigenfail.notebooks"
 
 NEEDED = {METHODS: "Settings", PLANNERS: "Settings", SCENARIOS: "Parameters"}
 """The attribute of a plug-in without which no campaign with it can be described, by group."""

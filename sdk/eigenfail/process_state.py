@@ -40,6 +40,7 @@ def rounding_mode() -> str:
 
     To nearest, a number far below the last bit of 1 changes nothing, whatever its sign.
     """
+    # By arithmetic, as `fegetround` does not see what SSE instructions have been told directly.
     if _ONE + _TINY != _ONE:
         return "upward"
     if _ONE - _TINY == _ONE:

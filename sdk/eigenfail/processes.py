@@ -88,6 +88,7 @@ def die_with_parent(by: signal.Signals = signal.SIGKILL) -> None:
     """
     if sys.platform == "linux":
         CDLL(None).prctl(PR_SET_PDEATHSIG, by)
+    # Taken out, so that grandchildren do not compare their own parent with this number.
     parent = os.environ.pop(PARENT_VARIABLE, None)
     if parent is not None and os.getppid() != int(parent):  # it died before the kernel was asked
         # The status that a shell reports of a process that was killed.
@@ -134,6 +135,7 @@ def kill_group(leader: Popen[bytes]) -> None:
     if leader.returncode is None:
         with suppress(ProcessLookupError):
             os.killpg(leader.pid, signal.SIGKILL)
+        # It may take longer to return its memory: it ends all the same, without us.
         with suppress(TimeoutExpired):
             leader.wait(END_S)
 
@@ -184,6 +186,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
         ServiceError: it took too long, or ended without an answer.
     """
     try:
+        # A process that is killed while it writes leaves the beginning of an answer.
         received = msgspec.msgpack.decode(
             run_question(module, question, patience_s), type=Answered | Refused
         )

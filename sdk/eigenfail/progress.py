@@ -59,6 +59,7 @@ def reporter() -> Iterator[Report]:
 def display() -> Iterator[Display]:
     """Standard error, so that standard output holds results alone; in a notebook its own place."""
     screen = Console(stderr=True, highlight=False)
+    # First: the output of a kernel is no terminal, and would get plain lines.
     if screen.is_jupyter:
         yield NotebookBar()
     elif not screen.is_terminal:
@@ -66,6 +67,7 @@ def display() -> Iterator[Display]:
     else:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         words = TextColumn("{task.fields[words]}")
+        # It disappears in the end, as the result that follows says the same.
         with Progress(*columns, words, console=screen, transient=True) as progress:
             yield Bar(progress)
 
@@ -139,6 +141,7 @@ class WaitingLines:
     def __init__(self, step: str) -> None:
         self._step = step
         self._began_s = time.monotonic()
+        # An event, not a flag: the writer sleeps on it, and ends at once.
         self._is_over = threading.Event()
 
     def begin(self, step: str) -> None:
@@ -200,5 +203,6 @@ class NotebookBar:
 
 def bar_html(seen: Standing, words: str) -> str:
     """Return a progress bar with a text, as HTML."""
+    # HTML allows no maximum of 0.
     bar = f'<progress value="{seen.done}" max="{max(seen.total, 1)}"></progress>'
     return f"<p>{escape(seen.headline)} {bar} {seen.done}/{seen.total}, {escape(words)}</p>"

@@ -29,6 +29,7 @@ MODULE = "eigenfail.explanations"
 """The module that answers a `ReplayQuestion` in a process of its own."""
 
 
+# A new process takes seconds to load plug-ins, which many episodes share.
 _BATCH = 50
 """Episodes of one question. If its process dies or hangs, each of them is tried again alone."""
 
@@ -114,6 +115,7 @@ def answer_replays(question: ReplayQuestion) -> bytes:
         for result in engine.run(question.tasks):
             problem = f"{result.fault.kind}: {result.fault.message}" if result.fault else ""
             outcomes.append(ReplayedOutcome(result.outcome, result.digest(), problem))
+            # Later outcomes would depend on this one: the next question begins a fresh process.
             if result.fault and state.changes():
                 break
     finally:
@@ -160,6 +162,7 @@ def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
     remedy = f"It is run in your own process: `{again} episode replay CAMPAIGN/INDEX`."
     world_of(spec.simulator).refuse_unlisted(spec.planner, remedy)
     plugins.keep_import_effects()
+    # With its scene, which tells where two courses part; a digest does not cover it.
     engine = load_engine()(msgspec.structs.replace(spec.setup(), scene_every=1))
     try:
         result: EpisodeResult = next(iter(engine.run([task])))
@@ -223,6 +226,7 @@ def _find_first_difference(one: EpisodeResult, other: EpisodeResult) -> int | No
     if one.scene is None or other.scene is None:
         return None
     courses = one.scene.vehicles, other.scene.vehicles
+    # Another number of vehicles: there is no step from which on they differ.
     if courses[0].shape[1:] != courses[1].shape[1:]:
         return None
     for step, (here, there) in enumerate(zip(*courses, strict=False)):

@@ -42,6 +42,7 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
             raises.
     """
     known = kind.__struct_fields__
+    # msgspec itself ignores unknown names, unless the struct of the plug-in forbids them.
     for name in given:
         if name not in known:
             raise UnknownName(field, str(name), known)
@@ -132,6 +133,8 @@ def invalid_value(
         given: the whole value, as plain data.
         field: where the whole value stood.
     """
+    # msgspec says all of it in one text alone, which is taken apart here: its errors have no
+    # attributes. tests/sdk/test_settings.py fails if a release of msgspec words them otherwise.
     text = str(error)
     match = _PATH.search(text)
     path, problem = match["path"] if match else "", _PATH.sub("", text)
@@ -142,11 +145,12 @@ def invalid_value(
         remedy = suggest_name(named["name"], known) if known else ""
         return InvalidValue(".".join(filter(None, (field, path))), f"{problem}.", remedy)
     elif wrong := _ENUM.match(problem):
-        known = _list_choices(kind, _STEP.findall(path))
+        known = _list_choices(_list_types(kind, _STEP.findall(path)))
         problem = f"'{wrong['name']}' is none of {', '.join(known)}" if known else problem
     elif expected := _EXPECTED.match(problem):
         steps = _STEP.findall(path)
-        problem = _describe_refusal(_find_value(given, steps), _find_type(kind, steps), expected)
+        types = _list_types(kind, steps)
+        problem = _describe_refusal(_find_value(given, steps), types, expected)
     return InvalidValue(".".join(filter(None, (field, path))), f"{problem}.")
 
 
@@ -176,7 +180,7 @@ _LONGEST_VALUE = 60
 """Longer values are not repeated in an error. [characters]"""
 
 
-def _describe_refusal(value: Any, wanted: Any, expected: re.Match[str]) -> str:
+def _describe_refusal(value: Any, types: Sequence[Any], expected: re.Match[str]) -> str:
     """Return the given value and the allowed ones in words: 588 is not a number from 52 to 70."""
     kinds = (kind.strip() for kind in expected["kinds"].split("|"))
     *others, last = (_NAMES.get(kind, kind) for kind in kinds if kind != "null")
@@ -184,6 +188,9 @@ def _describe_refusal(value: Any, wanted: Any, expected: re.Match[str]) -> str:
     bound = expected["bound"]
     for sign, phrase in _BOUNDS.items():
         bound = bound.replace(sign, phrase)
+    # msgspec names the bound that was broken, and a user wants to know both.
+    numbers = (msgspec.inspect.IntType, msgspec.inspect.FloatType)
+    wanted = next((each for each in types if isinstance(each, numbers)), None)
     least, most = getattr(wanted, "ge", None), getattr(wanted, "le", None)
     if bound and least is not None and most is not None:
         bound = f" from {least:.12g} to {most:.12g}"
@@ -207,25 +214,10 @@ def _find_value(given: Any, path: Sequence[str]) -> Any:
     return given
 
 
-def _find_type(kind: type, path: Sequence[str]) -> Any:
-    """Return the msgspec type of a number at a path of fields; None where there is none."""
-    found: Any = msgspec.inspect.type_info(kind)
-    for step in path:
-        fields = {each.encode_name: each.type for each in getattr(found, "fields", ())}
-        found = _without_metadata(fields.get(step))
-    kinds = found.types if isinstance(found, msgspec.inspect.UnionType) else (found,)
-    numbers = (msgspec.inspect.IntType, msgspec.inspect.FloatType)
-    return next((each for each in map(_without_metadata, kinds) if isinstance(each, numbers)), None)
-
-
-def _list_choices(kind: type, path: Sequence[str]) -> list[str]:
-    """Return the texts that may stand at a path; empty where msgspec does not list them."""
-    found = _flatten([msgspec.inspect.type_info(kind)])
-    for step in path:
-        fields = [field for each in found for field in getattr(each, "fields", ())]
-        found = _flatten([field.type for field in fields if field.encode_name == step])
-    enums = [each.cls for each in found if isinstance(each, msgspec.inspect.EnumType)]
-    literals = [each.values for each in found if isinstance(each, msgspec.inspect.LiteralType)]
+def _list_choices(types: Sequence[Any]) -> list[str]:
+    """Return the texts that types allow; empty where msgspec does not list them."""
+    enums = [each.cls for each in types if isinstance(each, msgspec.inspect.EnumType)]
+    literals = [each.values for each in types if isinstance(each, msgspec.inspect.LiteralType)]
     members = [member.value for enum in enums for member in enum]
     return [str(each) for each in (*members, *(value for values in literals for value in values))]
 
@@ -237,7 +229,8 @@ def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str
     """
     is_tag = not named[0].startswith("Object")
     place = path[:-1] if is_tag else path
-    structs = _list_structs(kind, place)
+    types = _list_types(kind, place)
+    structs = [each for each in types if isinstance(each, msgspec.inspect.StructType)]
     if is_tag:
         return [str(each.tag) for each in structs if each.tag_field == path[-1]] if path else []
     value = _find_value(given, place)
@@ -248,26 +241,23 @@ def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str
     return sorted({field.encode_name for each in fitting for field in each.fields})
 
 
-def _list_structs(kind: type, path: Sequence[str]) -> list[msgspec.inspect.StructType]:
-    """Return the structs that may stand at a path of fields and places."""
+def _list_types(kind: type, path: Sequence[str]) -> list[Any]:
+    """Return the msgspec types that may stand at a path of fields and places."""
     here = _flatten([msgspec.inspect.type_info(kind)])
     for step in path:
         fields = [field for each in here for field in getattr(each, "fields", ())]
         items = [each.item_type for each in here if hasattr(each, "item_type")]
         named = [field.type for field in fields if field.encode_name == step]
         here = _flatten([*items, *named])
-    return [each for each in here if isinstance(each, msgspec.inspect.StructType)]
+    return here
 
 
 def _flatten(types: Sequence[Any]) -> list[Any]:
     """Return types without metadata, and the members of unions in place of these."""
-    plain = [_without_metadata(each) for each in types]
-    unions = [each for each in plain if isinstance(each, msgspec.inspect.UnionType)]
-    if not unions:
-        return plain
-    rest = [each for each in plain if not isinstance(each, msgspec.inspect.UnionType)]
-    return _flatten([*rest, *[member for each in unions for member in each.types]])
-
-
-def _without_metadata(found: Any) -> Any:
-    return found.type if isinstance(found, msgspec.inspect.Metadata) else found
+    found: list[Any] = []
+    for each in types:
+        # Metadata holds schemas for OpenAPI; the bounds are those of the type within.
+        plain: Any = each.type if isinstance(each, msgspec.inspect.Metadata) else each
+        is_union = isinstance(plain, msgspec.inspect.UnionType)
+        found += _flatten(plain.types) if is_union else [plain]
+    return found

@@ -61,7 +61,6 @@ def set_path(table: Table, path: KeyPath, value: Any) -> Table:
 
 
 def _apply_changes(table: Table, changes: Changes) -> Table:
-
     for path, value in changes.items():
         table = set_path(table, path, value)
     return table
@@ -87,6 +86,7 @@ def format_value(value: Any) -> str:
         return value
     if isinstance(value, float):
         short = f"{value:g}"
+        # Two values that round to the same text would give two members one name.
         return short if float(short) == value else repr(value)
     return msgspec.json.encode(value).decode()
 
@@ -183,6 +183,7 @@ def _expand_sweep(suite: SuiteFile, where: str) -> list[_Variation]:
         {path: value}
         for path, values in axes.items()
         for value in values
+        # The base is a member already: its own value would be a second one of the same.
         if value != read_path(suite.base, path)
     )
     return _name_variations([{}, *around])
@@ -191,6 +192,7 @@ def _expand_sweep(suite: SuiteFile, where: str) -> list[_Variation]:
 def _expand_grid(suite: SuiteFile, where: str) -> list[_Variation]:
     """Return every combination of the axes' values; the last axis varies first."""
     axes = _read_axes(suite.grid, f"{where}: grid")
+    # Before the product is made: six axes of ten values are a million members.
     _refuse_too_many(prod(map(len, axes.values())), where)
     return _name_variations(
         [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
@@ -308,6 +310,7 @@ def order_members(specs: Mapping[str, CampaignSpec], where: str) -> tuple[str, .
 def _holders(settings: Table) -> Iterator[tuple[KeyPath, Any]]:
 
     for path, value in list_leaves(settings):
+        # Not at any depth: a scenario may have a parameter with one of these names.
         if path[-1] in SETTINGS and path[:-1] in PLACES:
             yield path, value
 

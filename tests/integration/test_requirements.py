@@ -74,9 +74,6 @@ def test_episodes_are_listed_and_exported_with_each_requirement(client, failing,
     found = list(client.episodes.list(failing.id, filter="requirement_2 <= 0"))
     assert 0 < len(found) == len(wanted)
     names = [f"requirement_{number}" for number in (1, 2, 3)]
-    assert client.episodes.list(failing.id).to_pandas()[names[1]].min() == min(
-        row.requirements[1] for row in rows
-    )
     client.episodes.export(failing.id, tmp_path / "episodes.csv", sort="requirement_2")
     lines = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
     assert list(lines[0])[-3:] == names

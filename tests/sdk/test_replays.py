@@ -9,12 +9,11 @@ from msgspec.structs import replace
 from eigenfail import plugins
 from eigenfail.cli import episode
 from eigenfail.explanations import describe_replay
-from eigenfail.fingerprints import fingerprint_plugins
 from eigenfail.replays import explain_episode, replay_episode, run_once
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.values.scene import Control
-from eigenfail.versions import versions
+from eigenfail.versions import fingerprint_plugins, versions
 
 SPEC = CampaignSpec(
     name="t",

@@ -31,7 +31,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from eigenfail.contracts.recording import EgoControl, EpisodeRecording, RecordingFormat
-from eigenfail.frames import list_noise
+from eigenfail.values.disturbance import list_noise
 from eigenfail.versions import PACKAGE, read_version
 from eigenfail_exchange.road import StraightRoad, find_height, find_road, name_vehicle
 

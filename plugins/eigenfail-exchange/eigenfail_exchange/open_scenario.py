@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import UnsetType
 
 from eigenfail.contracts.recording import EgoControl, EpisodeRecording, RecordingFormat
-from eigenfail.frames import list_noise
+from eigenfail.values.disturbance import list_noise
 from eigenfail.values.records import PEAK_BRAKING_MPS2
 from eigenfail.values.scene import UNKNOWN_KIND, Scene
 from eigenfail.versions import PACKAGE, read_version

@@ -5,7 +5,6 @@ import lzma
 import re
 import zlib
 from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
@@ -15,8 +14,6 @@ from eigenfail.client import Client
 from eigenfail.client.references import CampaignsLike, find_campaign_ids
 from eigenfail.errors import ProtocolError
 from eigenfail.files import check_output_folder, write_folder
-from eigenfail.presentation.notebook import Blocks, describe
-from eigenfail.presentation.tables import FactTable
 from eigenfail.wire.http import decode
 from eigenfail_reports.contents import Report
 
@@ -117,17 +114,3 @@ def _check_names(names: Sequence[str]) -> None:
 
 def _not_a_report() -> ProtocolError:
     return ProtocolError("The response is not a report.", "Use one release on both sides.")
-
-
-@describe.register
-def _(value: Report) -> Blocks:
-    """Return a report as a notebook shows it: what it is on, and how large it is."""
-    pictures = tuple(chain.from_iterable(section.pictures for section in value.sections))
-    parts = (("sections", value.sections), ("tables", value.tables), ("pictures", pictures))
-    rows = (
-        ("report", value.title),
-        ("campaigns", ", ".join(f"{each.id}: {each.spec.name}" for each in value.campaigns)),
-        ("contents", ", ".join(f"{len(items)} {name}" for name, items in parts)),
-        ("command", value.command),
-    )
-    return (FactTable("Report", rows), *value.warnings)

@@ -1,11 +1,11 @@
 """A report: what campaigns found, as tables, sentences and pictures that can be handed on."""
 
+from html import escape
 from typing import Annotated
 
 import msgspec
 
 from eigenfail.values.campaign import Campaign
-from eigenfail.values.showing import Shown
 
 MOST_CAMPAIGNS = 20
 """Maximum number of campaigns in one report."""
@@ -85,7 +85,7 @@ class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
     pictures: tuple[ReportPicture, ...] = ()
 
 
-class Report(Shown, msgspec.Struct, frozen=True, kw_only=True):
+class Report(msgspec.Struct, frozen=True, kw_only=True):
     """What campaigns found, as it stood when the report was made.
 
     Attributes:
@@ -107,6 +107,21 @@ class Report(Shown, msgspec.Struct, frozen=True, kw_only=True):
         ids = tuple(campaign.id for campaign in self.campaigns)
         sizes = f"sections={len(self.sections)}, tables={len(self.tables)}"
         return f"Report({self.title!r}, campaigns={ids}, {sizes})"
+
+    def _repr_html_(self) -> str:
+        """The report for a notebook: what it is on, and how large it is."""
+        pictures = sum(len(section.pictures) for section in self.sections)
+        sizes = {"sections": len(self.sections), "tables": len(self.tables), "pictures": pictures}
+        facts = {
+            "report": self.title,
+            "campaigns": ", ".join(f"{each.id}: {each.spec.name}" for each in self.campaigns),
+            "contents": ", ".join(f"{size} {name}" for name, size in sizes.items()),
+            "command": self.command,
+        }
+        # Names of campaigns are their authors' words, and a notebook runs the scripts of its cells.
+        rows = (f"<tr><th>{name}</th><td>{escape(fact)}</td></tr>" for name, fact in facts.items())
+        warnings = (f"<p>{escape(warning)}</p>" for warning in self.warnings)
+        return f"<table><tbody>{''.join(rows)}</tbody></table>{''.join(warnings)}"
 
     @property
     def tables(self) -> tuple[ReportTable, ...]:

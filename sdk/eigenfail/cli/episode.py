@@ -19,7 +19,6 @@ from eigenfail.contracts.recording import KNOWN, EgoControl
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
 from eigenfail.filters import parse_fields
-from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation import episodes
@@ -32,7 +31,7 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.operations import Versions
 from eigenfail.values.proof import Replayed
-from eigenfail.versions import differences, versions
+from eigenfail.versions import CODE, differences, fingerprint_plugins, select_code, versions
 from eigenfail.wire.http import SHRINK_WITHIN
 from eigenfail.worlds import drawn_for, placed_for
 
@@ -309,7 +308,7 @@ def show_episode(client: Client, episode: options.EpisodeId) -> CommandResult:
     campaign, index = options.parse_episode_id(episode)
     found, spec = client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
-    facts = episodes.list_episode_facts(campaign, spec, found, drawn_here)
+    facts = episodes.list_episode_facts(f"{campaign}/{found.index}", found, spec, drawn_here)
     return CommandResult(found, lambda: render(facts))
 
 

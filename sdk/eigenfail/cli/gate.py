@@ -23,7 +23,6 @@ from eigenfail.cli.options import AsJson, Data, Limit, Workers
 from eigenfail.cli.render import INTERRUPTED, CommandResult, first_rows, show
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
-from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
 from eigenfail.gate.baselines import name_run
 from eigenfail.gate.report import (
     INCONCLUSIVE,
@@ -41,6 +40,7 @@ from eigenfail.hosting.service import Plan
 from eigenfail.presentation.figures import UNKNOWN, format_utc
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
+from eigenfail.versions import LENGTH, list_packages, read_package_files
 
 
 def _write_junit(file: Path, content: bytes) -> None:

@@ -18,9 +18,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from eigenfail import __version__, plugins
-from eigenfail.command_line import checked_stdout
+from eigenfail.command_line import checked_stdout, print_uncaught, report_uncaught
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, ServiceError
-from eigenfail.uncaught import print_uncaught, report_uncaught
 
 COMMANDS = {
     "up": "Start the service on this machine, on an embedded database.",

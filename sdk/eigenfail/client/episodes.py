@@ -20,8 +20,7 @@ from eigenfail.client.references import (
 from eigenfail.contracts.recording import EgoControl
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import write_whole
-from eigenfail.filters import Value, parse_sort
-from eigenfail.frames import list_named_columns
+from eigenfail.filters import Value, find_column, parse_sort
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.episode import Outcome
 from eigenfail.values.failures import FailureRequest, parse_failure_sort
@@ -158,14 +157,15 @@ class Episodes:
             problem = f"'{fields}' is one text."
             named = [name.strip() for name in fields.split(",")]
             raise InvalidValue("fields", problem, f"Give a list of names: fields={named}.")
+        for name in fields:
+            # A list asks the service late, maybe far from the call with the wrong name.
+            find_column(name, "fields")
         path = f"{locate_campaign(campaign)}/episodes"
         asked = {"outcome": outcome, "filter": filter or None, "sort": sort}
         picked = {**asked, "fields": ",".join(fields)} if fields else asked
         kind: type[Page[Any]] = Page[Picked] if fields else Page[EpisodeRow]
         reverse = reverse_order(picked, parse_sort(sort), "index")
-        # A list without a row still has its columns, as a table.
-        columns = list_named_columns(fields) if fields else None
-        extent = Extent(partial(self._link.count, path, asked), reverse, columns)
+        extent = Extent(partial(self._link.count, path, asked), reverse, tuple(fields))
         return self._link.pages(path, kind, "after", picked, extent)
 
     def list_failures(self, **wanted: Unpack[FailureFields]) -> Rows[EpisodeRow]:

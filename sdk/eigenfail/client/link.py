@@ -27,10 +27,9 @@ from eigenfail.errors import (
     WaitTimeout,
 )
 from eigenfail.filters import SortOrder
-from eigenfail.frames import list_struct_columns
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.records import Page
-from eigenfail.values.rows import Columns, Rows
+from eigenfail.values.rows import Rows
 from eigenfail.wire import http
 from eigenfail.wire.http import UNTYPED, Problem, make_error
 
@@ -211,18 +210,18 @@ Params = Mapping[str, int | str | None]
 
 
 class Extent(msgspec.Struct, frozen=True):
-    """How the rows of a list are counted, read from the last one on, and written as a table.
+    """How the rows of a list are counted and read from the last one on, and what is in them.
 
     Attributes:
         count: returns the number of rows; None: they are counted one by one.
         reverse: the parameters with which the same list begins with its last row; None where there
             is no such order.
-        columns: columns of its table; None: those of the kind of its rows.
+        fields: names of the fields that were asked for; empty: rows are whole values.
     """
 
     count: Callable[[], int] | None = None
     reverse: Params | None = None
-    columns: Columns | None = None
+    fields: tuple[str, ...] = ()
 
 
 class Link:
@@ -319,10 +318,9 @@ class Link:
             kind: kind of its pages.
             cursor: the parameter that asks for the next page.
             params: further ones.
-            extent: how its rows are counted and read from the last one on, and its columns.
+            extent: how its rows are counted and read from the last one on.
         """
         known = extent or Extent()
-        by_kind = list_struct_columns(*get_args(kind))
 
         def iterate(asked: Params | None, most: float) -> Iterator[Kind]:
             query: dict[str, int | str | None] = {"limit": PAGE, **(asked or {})}
@@ -341,7 +339,7 @@ class Link:
             start=partial(iterate, params),
             count=known.count,
             backwards=None if known.reverse is None else partial(iterate, known.reverse),
-            columns=by_kind if known.columns is None else known.columns,
+            of=known.fields or get_args(kind)[0],
         )
 
     def count(self, path: str, params: Params | None = None) -> int:

@@ -141,6 +141,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     draws_from_prior: bool = False
     independent: bool = False
     bounds_probability: bool = False
+    # The defaults claim nothing: a method has to declare what makes its figures stronger.
     learns: bool = True
     observes: bool = True
     finds_new: bool = True
@@ -152,6 +153,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     injects: Injection = Injection.NOTHING
     mode_probability: ModeProbability = ModeProbability.UNKNOWN
     chart_mark: int | None = None
+    # A method that declares none is understood by these names of settings.
     references: Mapping[str, Reference] = MappingProxyType(
         {
             "analysis": Reference.NOISE,

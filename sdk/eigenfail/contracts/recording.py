@@ -17,6 +17,7 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.scene import Mission, Scene
 from eigenfail.values.showing import Brief
 
+# By its name: the core has no such format, and finds the plug-in's if it is installed.
 ANIMATION = "gif"
 """Format in which pages show the failures of a mode over each other, if it is installed."""
 

@@ -12,6 +12,7 @@ from eigenfail.values.proof import ExplainedEpisode, Path
 from eigenfail.values.scene import Control, Mission, Observation, Perception, VehicleState
 
 
+# Protocols, not base classes: planners of others need not import eigenfail to be one.
 class Planner(Protocol):
     """The system under test. It keeps no state over a reset."""
 

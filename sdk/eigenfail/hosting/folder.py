@@ -61,6 +61,7 @@ class DataFolder:
             StoreUnavailable: it cannot be made or written.
             ServiceError: another service runs on it.
         """
+        # A lock of the kernel, not a file that is there or not: it is gone with its process.
         with self.open_lock() as lock:
             if not _lock(lock):
                 raise ServiceError(

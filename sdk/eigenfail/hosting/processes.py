@@ -29,6 +29,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 @contextmanager
 def handle_signals(handler: Callable[..., Any]) -> Iterator[None]:
     """Send stop signals to a handler within the block; only the main thread can hear them."""
+    # Python refuses to set a handler elsewhere, and a service may be started from any thread.
     if threading.current_thread() is not threading.main_thread():
         yield
         return

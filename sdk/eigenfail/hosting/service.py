@@ -271,6 +271,7 @@ def wait_until_ready(parts: Sequence[processes.ServicePart], port: int) -> Addre
     Raises:
         ServiceError: a part ended, or is not ready in time.
     """
+    # In the order of `make_commands`.
     controller, services = parts
     url = f"http://{HOST}:{port}"
     deadline = time.monotonic() + READY_WITHIN_S
@@ -278,6 +279,7 @@ def wait_until_ready(parts: Sequence[processes.ServicePart], port: int) -> Addre
         while time.monotonic() < deadline:
             for part in parts:
                 part.check()
+            # The two start side by side, and either may be the later one.
             ready = find_ready_line(services.said())
             if ready and client.health():
                 return Address(url, ready.hub)

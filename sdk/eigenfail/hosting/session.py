@@ -89,6 +89,7 @@ class Local(AbstractContextManager[Client]):
             # Only now may the service outlive this block: an error before ends all that was
             # started.
             self._service, self._stack = service, stack.pop_all()
+        # At the usual end of a script; after any other end the guard does it.
         atexit.register(self.stop)
         return client
 

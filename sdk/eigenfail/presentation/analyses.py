@@ -8,7 +8,7 @@ import numpy as np
 from eigenfail.presentation import figures, tables
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode, InfluenceShare, Moment
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import AXES, number_channels
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.proof import Proof, Reproduction
 
@@ -122,30 +122,6 @@ def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[
         tables.FormattedCell(figures.format_signed(float(noise.mean()))) for noise in noises
     )
     yield from map(format_peak, noises)
-
-
-def list_mode_facts(mode: FailureMode) -> tables.FactTable:
-    """Return one failure mode by itself: its size, its medoid and its strongest noise."""
-    place = "" if mode.medoid_campaign is None else f" of campaign {mode.medoid_campaign}"
-    steps, channels = mode.eigenfailure.shape
-    # An eigenfailure without steps has no peak.
-    peaks = map(format_peak, mode.eigenfailure.T) if steps else ()
-    estimate = mode.probability
-    rows = (
-        *([("number", str(mode.number))] if mode.number else []),
-        ("failures", figures.format_count(mode.failures)),
-        ("medoid", f"episode {mode.medoid}{place}"),
-        (
-            "eigenfailure",
-            f"{figures.count_noun(steps, 'step')}, {figures.count_noun(channels, 'channel')}",
-        ),
-        *(
-            (f"peak of {name} [sigma]", peak)
-            for name, peak in zip(number_channels(channels), peaks, strict=False)
-        ),
-        *([("probability under p(x)", tables.format_line(estimate))] if estimate else []),
-    )
-    return tables.FactTable("Failure mode", rows)
 
 
 def format_peak(noise: Floats) -> str:

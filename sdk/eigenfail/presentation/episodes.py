@@ -1,6 +1,7 @@
 """Tables of episodes: a list, one with its measures, and the steps of an explained one."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from eigenfail.filters import Value, find_column
@@ -75,30 +76,22 @@ def format_class(assessed: Assessment) -> str:
 
 
 def list_episode_facts(
-    campaign: int, spec: CampaignSpec, result: EpisodeDetail, drawn: Mapping[str, Any]
+    name: str,
+    result: EpisodeDetail,
+    spec: CampaignSpec | None = None,
+    drawn: Mapping[str, Any] = MappingProxyType({}),
 ) -> tables.FactTable:
     """Return one episode with the scenario parameters that it drew, and its measures.
 
-    Of a function robustness alone was measured, which has no unit.
+    Args:
+        name: what the table calls it.
+        result: the episode.
+        spec: of its campaign, where that is known: it names the requirements.
+        drawn: scenario parameters that the episode drew.
     """
-    has_road = world_of(spec.simulator).has_road
-    judged = list_judged(spec, result.requirements)
-    return _list_facts(result, f"{campaign}/{result.index}", drawn, judged, has_road=has_road)
-
-
-def list_result_facts(result: EpisodeDetail) -> tables.FactTable:
-    """Return the facts of an episode whose campaign is not known: outcome, noise and measures."""
-    return _list_facts(result, str(result.index), {}, (), has_road=True)
-
-
-def _list_facts(
-    result: EpisodeDetail,
-    name: str,
-    drawn: Mapping[str, Any],
-    judged: Iterable[tuple[str, str]],
-    *,
-    has_road: bool,
-) -> tables.FactTable:
+    # Of a function robustness alone was measured, which has no unit.
+    has_road = spec is None or world_of(spec.simulator).has_road
+    judged = list_judged(spec, result.requirements) if spec else ()
     likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
     fault, measures, measured = result.fault, result.measures, list[tuple[str, str]]()
     if measures and has_road:

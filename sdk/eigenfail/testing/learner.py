@@ -295,6 +295,7 @@ class LearnerSuite:
         learner, first = self.begun()
         state = learner.state()
         expected = self.course(learner, first)
+        # Also one that has learned something else: what it keeps would show in its proposals.
         for other in (self.learner(), self.begun()[0]):
             other.restore(state)
             expect(other.state() == state, "the state of a restored learner is another one")
@@ -305,6 +306,8 @@ class LearnerSuite:
         learner, _ = self.begun()
         state = learner.state()
         damaged = bytearray(state)
+        # In the middle, where weights and noise are, and not in the header that any decoder
+        # checks.
         damaged[len(state) // 2] ^= 0xFF
         for garbage in (*GARBAGE, state[:-1], bytes(damaged)):
             with expect_error(ProtocolError, f"{garbage[:20]!r}… was accepted as a state."):
@@ -314,6 +317,7 @@ class LearnerSuite:
     def test_tolerates_failed_episodes(self) -> None:
         """A campaign goes on after some errored episodes, and after a round of them."""
         learner, first = self.learner(), 0
+        # Some, then all, then none: a learner may divide by the number of episodes that completed.
         for faulty in (range(0, self.budget, 3), range(self.budget), ()):
             first += len(self.play(learner, first, ToyEngine(CORRIDOR, tuple(faulty))).sources)
         expect(first < self.budget, "set a budget that outlasts three rounds")

@@ -45,6 +45,7 @@ def cut_in_drive(shake_m: float = 1.0) -> list[Perception]:
 def _frame(step: int, shake_m: float) -> Perception:
     time_s = step * MISSION.dt_s
     ego = VehicleState(24.0 * time_s, 0.0, 0.0, 24.0, 16.0, 2.5)
+    # No random numbers: a check that fails has to fail again on the author's machine.
     swing = shake_m * cos(7.0 * step)
     drift_mps = -0.7 if 1.0 <= time_s < 6.0 else 0.0
     y = 3.5 - 0.7 * min(max(time_s - 1.0, 0.0), 5.0)
@@ -120,6 +121,7 @@ def is_deterministic(make: MakePlanner) -> None:
 def forgets_at_reset(make: MakePlanner) -> None:
     """After a reset, also in the middle of an episode, a planner behaves like a new one."""
     used = make()
+    # Two drives that differ from the third, and one that ends early as after a collision.
     for perceptions in (cut_in_drive(4.0), cut_in_drive(2.0)[: STEPS // 2]):
         drive(used, perceptions)
     same = _alike(drive(used, cut_in_drive()), drive(make(), cut_in_drive()))
@@ -141,6 +143,7 @@ def decides_in_time(make: MakePlanner) -> None:
     planner, perceptions = make(), cut_in_drive()
     began = perf_counter()
     drive(planner, perceptions)
+    # On average: a collection of garbage or another process may make one decision late.
     took_s = (perf_counter() - began) / STEPS
     late = f"A decision took {took_s:.3g} s on average; the budget is {DECISION_S} s."
     expect(took_s <= DECISION_S, late)

@@ -18,6 +18,7 @@ from eigenfail.values.scene import VehicleState
 
 AnySituation = Situation | ReactiveSituation
 
+# The last one does not fit into 32 bits, as real seeds do not.
 SEEDS = (0, 1, 2**62)
 MOST_LISTED = 20
 TOLERANCE_M = 0.05
@@ -106,6 +107,8 @@ def moves_actors_as_they_say(scenario: Scenario) -> None:
             for number in earlier.keys() & later.keys():
                 before, after = earlier[number], later[number]
                 way = hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+                # The trapezoid: speeds may change within a step, and neither end alone gives the
+                # way.
                 due = 0.5 * (before.speed_mps + after.speed_mps) * dt_s
                 same = (before.length_m, before.width_m) == (after.length_m, after.width_m)
                 expect(abs(way - due) <= TOLERANCE_M, f"{before} jumps to {after}.")

@@ -12,7 +12,7 @@ from eigenfail.settings import Ordinal
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import Estimate, Interval
-from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
+from eigenfail.values.showing import Brief, Shown
 from eigenfail.values.triage import TriageState
 
 COLLAPSED_SHARE = 0.9
@@ -266,7 +266,7 @@ class AnalysisState(StrEnum):
     FAILED = "failed"
 
 
-class FailureMode(Brief, Shown, Plottable, msgspec.Struct, frozen=True, eq=False):
+class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     """A cluster of failures.
 
     Attributes:
@@ -306,7 +306,7 @@ LONGEST_MODE_NAME = 80
 """Characters of the name of a mode."""
 
 
-class Mode(Shown, Tabular, msgspec.Struct, frozen=True):
+class Mode(Shown, msgspec.Struct, frozen=True):
     """A failure mode of an analysis, by number and name.
 
     Attributes:
@@ -411,7 +411,7 @@ def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequen
     return f"{fitting[-1]}{suffix}" if fitting else f"Mode {number}"
 
 
-class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):
+class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
     """What PCA and clustering found.
 
     Attributes:
@@ -579,7 +579,7 @@ class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=
         return f"{words}, {few} more with too few failures" if few else words
 
 
-class Analysis(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):
+class Analysis(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     """Current state of an analysis.
 
     Attributes:

@@ -21,6 +21,7 @@ def fits_float32(value: Any) -> bool:
     return bool(abs(value) <= LARGEST_FLOAT32)
 
 
+# 200 MB of float32, which fit into the longest message.
 MAX_ELEMENTS = 50_000_000
 MAX_DIMENSIONS = 4
 LITTLE_ENDIAN_FLOAT = np.dtype("<f4")
@@ -39,6 +40,7 @@ def pack(array: Floats) -> PackedArray:
     Raises:
         ProtocolError: the array is not float32.
     """
+    # A silent conversion would change numbers, and so the digests of results.
     if array.dtype != np.float32:
         raise ProtocolError(f"Arrays travel as float32, not {array.dtype}.", "Convert it first.")
     return PackedArray(array.shape, np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT).tobytes())
@@ -80,6 +82,8 @@ def encode_array(value: Any) -> PackedArray:
 def decode_array(_kind: Any, value: Any) -> Floats:
     """The hook that teaches msgspec's decoders about arrays: packed, or JSON's nested lists."""
     if isinstance(value, list):
+        # As doubles first: float32 would turn what is too large into infinity before it can be
+        # seen.
         wide = np.asarray(value, np.float64)
         if (lost := find_lost(wide)) is not None:
             raise ProtocolError(f"An array holds {lost:g}. Its numbers must be {RANGE}.")

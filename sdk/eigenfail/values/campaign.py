@@ -8,7 +8,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import ERRORED
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.operations import Versions
-from eigenfail.values.showing import Plottable, Shown
+from eigenfail.values.showing import Shown
 
 
 class CampaignState(StrEnum):
@@ -101,7 +101,7 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
     results: int
 
 
-class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
+class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Current state of a campaign.
 
     Attributes:

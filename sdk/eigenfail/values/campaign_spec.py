@@ -79,6 +79,7 @@ class Priority(StrEnum):
         return HEAD_STARTS_MS[self]
 
 
+# Steps of three: beside a high campaign, a low one still gets a tenth of the workers.
 WEIGHTS: Mapping[Priority, int] = {Priority.LOW: 1, Priority.NORMAL: 3, Priority.HIGH: 9}
 
 HOUR_MS = 3_600_000
@@ -111,6 +112,7 @@ _END = r"(?![\s\S])"
 PlannerVersion = Annotated[str, msgspec.Meta(pattern=rf"^[\w.+/-]{{1,{LONGEST_TAG}}}{_END}")]
 """Version of a planner, such as a commit or a tag: letters, digits and . _ + / -"""
 
+# No blank at either end: two projects that look alike must be one.
 Project = Annotated[
     str, msgspec.Meta(min_length=1, max_length=LONGEST_TAG, pattern=rf"^\S([^\r\n]*\S)?{_END}")
 ]
@@ -198,6 +200,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             label="seed",
         ),
     ] = 0
+    # msgspec copies an empty default for each value, as a dataclass would not.
     settings: Settings = {}
     scenario: Annotated[Name, SpecField(help="The road, the actors and the goal.")] = "cut_in"
     scenario_parameters: Annotated[
@@ -336,6 +339,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         Channels may be written out in one of them, and no collision be the only requirement that is
         named, as a service writes what it stores.
         """
+        # Everything that does not count is made equal, so that a new field counts by itself.
         like = {
             "priority": other.priority,
             "project": other.project,

@@ -85,6 +85,7 @@ ALL_CHANNELS = frozenset(
 )
 """The channels that a simulation can have, where one of every vehicle stands for each of them."""
 
+# No leading zero: `vehicle_1` and `vehicle_01` would be two channels of one vehicle.
 _VEHICLE = re.compile(r"vehicle_([1-9][0-9]{0,2})")
 
 
@@ -103,6 +104,7 @@ class ChannelName(NamedTuple):
 
 def split_name(name: str) -> ChannelName:
     """Return target and quantity of a channel."""
+    # At the last dot: names of functions' channels have none, and their target is then empty.
     target, _, quantity = name.rpartition(".")
     return ChannelName(target, quantity)
 
@@ -160,6 +162,7 @@ def name_columns(name: str) -> ColumnNames:
     Channels of functions may have any names; most have no unit that is known.
     """
     target, quantity_name = split_name(name)
+    # A parameter may be called `speed`, and has the unit that its scenario gives it.
     quantity = None if target == SCENARIO else QUANTITIES.get(quantity_name)
     suffix = "" if quantity is None else UNIT_SUFFIXES.get(quantity.unit, "")
     return ColumnNames(f"{name}_z", f"{name}_sigma{suffix}", f"{name}{suffix}")

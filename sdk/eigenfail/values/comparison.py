@@ -11,7 +11,7 @@ from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.values.requirements import Requirements
-from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
+from eigenfail.values.showing import Brief, Shown
 
 
 class PairTotals(msgspec.Struct, frozen=True):
@@ -125,7 +125,7 @@ class Distinction(msgspec.Struct, frozen=True):
     b: str
 
 
-class Comparison(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
+class Comparison(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Two groups of campaigns, side by side.
 
     Attributes:

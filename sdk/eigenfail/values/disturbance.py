@@ -1,6 +1,6 @@
 """The disturbance model p(x), its conversion to injected errors, and noise trajectories."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
 from math import isfinite
@@ -17,12 +17,13 @@ from eigenfail.values.channels import (
     MOST_CHANNELS,
     SCENARIO,
     Channel,
+    name_columns,
     resolve_channels,
     split_name,
     write_out,
 )
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
-from eigenfail.values.showing import Brief, Plottable, Tabular
+from eigenfail.values.showing import Brief
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 from eigenfail.values.variation import make_correlation_matrix
 
@@ -97,6 +98,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return the channels of the noise, in the order of the columns of z."""
         if not isinstance(self.channels, msgspec.UnsetType):
             return tuple(channel.filled() for channel in self.channels)
+        # The fields of a position are these two channels, written as before there were channels.
         along = Channel(AXES[0], self.longitudinal_base_m, self.longitudinal_slope)
         return along, Channel(AXES[1], self.lateral_base_m, self.lateral_slope)
 
@@ -106,6 +108,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if isinstance(self.channels, msgspec.UnsetType):
             return self.shape
         shapes = tuple(channel.shape or White() for channel in self.list_channels())
+        # One shape for all columns computes them at once; a shape for each takes a call for each.
         return White() if set(shapes) == {White()} else PerChannel(shapes)
 
     @property
@@ -147,6 +150,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             pairs.append(pair)
         parameters = self.searched_parameters
         matrix = make_correlation_matrix(parameters, self.parameter_correlations)
+        # Not by trying a Cholesky factor: its error would not say how far off the matrix is.
         smallest = float(np.linalg.eigvalsh(matrix)[0])
         if smallest < SMALLEST_EIGENVALUE:
             raise InvalidValue(
@@ -167,6 +171,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         if isinstance(self.channels, msgspec.UnsetType):
             return self
+        # `scale` and `occlusion` apply to named channels, too: only the rest must be the default.
         plain = DisturbanceModel(
             self.longitudinal_slope,
             self.longitudinal_base_m,
@@ -277,15 +282,7 @@ TRAJECTORIES_AT_A_TIME = 32
 doubles stay in the cache of the processor."""
 
 
-def number_channels(count: int) -> tuple[str, ...]:
-    """Return names of a number of channels whose own names are not known.
-
-    Two channels have the names of those that there always were.
-    """
-    return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
-
-
-class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False, dict=True):
+class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
     """The disturbances of one episode, step by step, up to its end.
 
     Attributes:
@@ -310,6 +307,7 @@ class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq
             InvalidValue: noise would be beyond the range of float32.
         """
         z = _convert(Conversion(shape).to_z, injected, sigma)
+        # Refused before the conversion, which would make infinity of it without a word.
         if (lost := find_lost(z)) is not None:
             problem = f"noise of {lost:g} sigma is beyond ±{LARGEST_FLOAT32:g}."
             raise InvalidValue("injected", problem, "Look at the recorded disturbances and sigma.")
@@ -345,6 +343,18 @@ class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq
         probability of what happens at t.
         """
         return _find_log_densities([self])
+
+
+def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[dict[str, float]]:
+    """Return a row for each step of noise, with columns for each of its channels by these names."""
+    columns = [name_columns(name) for name in channels]
+    # As floats of Python: numpy's are not written by every encoder of JSON and CSV.
+    rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
+    for step, (injected, z, sigma) in enumerate(rows):
+        row: dict[str, float] = {"step": step}
+        for names, a_t, z_t, sigma_t in zip(columns, injected, z, sigma, strict=True):
+            row |= {names.error: float(a_t), names.z: float(z_t), names.sigma: float(sigma_t)}
+        yield row
 
 
 class ChannelLikelihood(msgspec.Struct, frozen=True):

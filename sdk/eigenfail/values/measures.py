@@ -26,6 +26,7 @@ losses of tracks (`TrackingPlanner`).
 """
 
 
+# 1e15² × 1e7 = 1e37, far from the largest double.
 MAX_MAGNITUDE = 1e15
 """Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
 

@@ -9,7 +9,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, ChannelLikelihood, find_channel_likelihoods
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
-from eigenfail.values.showing import Plottable, Shown, Tabular
+from eigenfail.values.showing import Shown
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
@@ -100,6 +100,7 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     its maximum: DRAC = v² / (2 · gap) tends to infinity at contact, so that every collision would
     be called unavoidable.
     """
+    # An errored episode is counted as such, and not as unresolved besides.
     if measures is None or outcome is Outcome.ERRORED:
         return Assessment()
     if outcome is not Outcome.COLLISION and measures.collided_s is not None:
@@ -203,7 +204,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     mode: int | None = None
 
 
-class EpisodeDetail(Shown, Tabular, Plottable, EpisodeResult, frozen=True, eq=False, kw_only=True):
+class EpisodeDetail(Shown, EpisodeResult, frozen=True, eq=False, kw_only=True):
     """A result with its assessment from outcome and measures, as the service returns it.
 
     Its table is that of its noise, with the names of the channels.

@@ -244,6 +244,7 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
         before = 1 + round(self.memory_s / course.dt_s)
         steps = len(caused)
         excused = np.array([caused[max(0, k - before) : k + 1].any() for k in range(steps)])
+        # Steps with a cause count as no braking, and so does speeding up.
         braking = np.where(excused, 0.0, np.minimum(signals["acceleration_mps2"], 0.0))
         return float(braking.min()) + self.hard_mps2
 
@@ -321,6 +322,7 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
             raise UnknownName(f"{field}.measure", self.measure, allowed)
         is_count = MEASURES[self.measure].is_count
         limits = [limit for limit in (self.at_least, self.at_most) if limit is not None]
+        # `hard_brakings` at most 1.5 would read as if half a braking could be allowed.
         if is_count and any(limit < 0.0 or limit != round(limit) for limit in limits):
             problem = f"{self.measure} is a count."
             raise InvalidValue(field, problem, "Give whole numbers of 0 or more as its limits.")
@@ -376,6 +378,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
 
     def find_robustness(self, course: DrivenCourse) -> float | None:
         """Return the robustness of the formula at the start; None if it is not judged."""
+        # Sorted, so that the error names the same signal on every machine.
         for name in sorted(self.signals):
             if not np.isfinite(course.signals[name]).all():
                 problem = f"signal {name} is not finite, so that {self.label} cannot be judged."
@@ -413,6 +416,7 @@ def check_requirements(requirements: Sequence[AnyRequirement], expected: Expecte
         UnknownName: a signal or measure that does not exist, with those that do.
         InvalidValue: one is not complete, or has the name of another one.
     """
+    # Tables and filters name a requirement by its label.
     labels = [each.label for each in requirements]
     for place, each in enumerate(requirements):
         field = f"{FIELD}[{place}]"
@@ -467,6 +471,7 @@ class EpisodeJudge(NamedTuple):
         ]
         if violated:
             return RequirementVerdict(values, 0.0, violated[0])
+        # Only of episodes that are no failures: what counts as a failure must not depend on it.
         if self.importance is not None:
             followed = _find_robustness(self.importance, course)
             if followed is not None:
@@ -484,6 +489,7 @@ def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float
         return None
     if isnan(value):
         raise SimulatorError(f"{requirement.label} has no robustness.", "Look at its signals.")
+    # Infinity has no place in JSON, nor in the arithmetic of searches.
     return min(max(value, -LARGEST), LARGEST)
 
 

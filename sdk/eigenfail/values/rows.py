@@ -1,21 +1,14 @@
 """Lists on a service: values that are asked for row by row, and only if they are wanted."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from operator import index as convert_index
 from sys import maxsize
-from types import MappingProxyType
 from typing import Any, Generic, SupportsIndex, TypeVar, overload
 from weakref import ReferenceType, ref
 
-from eigenfail.filters import ColumnKind
-from eigenfail.values.showing import Shown, Tabular
-
-Columns = Mapping[str, ColumnKind]
-"""Types of the columns of a table by name, in the order of the table."""
-
-NO_COLUMNS: Columns = MappingProxyType({})
+from eigenfail.values.showing import Shown
 
 Row = TypeVar("Row")
 
@@ -54,7 +47,7 @@ def _raise(error: Exception) -> Any:
     raise error
 
 
-class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
+class Rows(Iterable[Row], Shown, Generic[Row]):
     """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
 
     Each iteration asks anew, so that a list of millions needs no memory; `list(rows)` keeps them.
@@ -65,7 +58,8 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         count: returns the number of rows; None: they are counted one by one.
         backwards: begins an iteration from the last row towards the first that asks for no more
             than so many rows; None where the list cannot be read so.
-        columns: columns of its table that do not depend on the rows, with their types.
+        of: the class of its rows, or the names of their fields where they are dicts; None: not
+            known. An empty list has the columns of a table, too.
     """
 
     def __init__(
@@ -75,13 +69,13 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         start: Callable[[int], Iterator[Row]] | None = None,
         count: Callable[[], int] | None = None,
         backwards: Callable[[int], Iterator[Row]] | None = None,
-        columns: Columns = NO_COLUMNS,
+        of: type | tuple[str, ...] | None = None,
     ) -> None:
         self._fetch = fetch
         self._start = start
         self._count = count
         self._backwards = backwards
-        self.columns = columns
+        self.of = of
         self._latest: ReferenceType[_Walk[Row]] | None = None
 
     def __iter__(self) -> Iterator[Row]:
@@ -132,10 +126,7 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
 
     def __repr__(self) -> str:
         """How to get at them; asks nothing."""
-        return (
-            "<Rows: iterate, or take len(rows), rows[i], rows[i:j], first(n), "
-            "to_pandas(), to_arrow(), to_numpy()>"
-        )
+        return "<Rows: iterate, or take len(rows), rows[i], rows[i:j], first(n)>"
 
     def _begin(self, n: int) -> Iterator[Row]:
         return self._fetch() if self._start is None else self._start(n)

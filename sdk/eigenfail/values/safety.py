@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from eigenfail.values.estimates import Interval, Rate
 from eigenfail.values.records import ConflictClass
-from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
+from eigenfail.values.showing import Brief, Shown
 from eigenfail.values.summary import Conflicts, Unresolved
 
 MOST_POINTS = 2_000
@@ -181,7 +181,7 @@ class Scatter(msgspec.Struct, frozen=True):
     rank_correlation: Figure | None = None
 
 
-class Safety(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
+class Safety(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """The safety measures of a campaign (paper, section on safety measures).
 
     Attributes:

@@ -26,6 +26,8 @@ VEHICLE_KINDS: Final = (
 """What a vehicle may be: categories of vehicles and pedestrians of ASAM OpenSCENARIO XML 1.3."""
 
 
+# Of numbers alone, which cannot be part of a circle: the garbage collector need not visit the
+# thousands that an episode makes.
 class VehicleState(msgspec.Struct, frozen=True, gc=False):
     """One vehicle in the road's plane: position of its centre, heading, speed, footprint."""
 

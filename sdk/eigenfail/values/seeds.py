@@ -3,7 +3,7 @@
 import msgspec
 
 from eigenfail.values.estimates import Cost, Interval, Rate
-from eigenfail.values.showing import Brief, Shown, Tabular
+from eigenfail.values.showing import Brief, Shown
 
 
 class SeedFigure(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,7 +59,7 @@ class FirstFailures(msgspec.Struct, frozen=True, kw_only=True):
     within: int
 
 
-class SeedSpread(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class SeedSpread(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Campaigns that differ in their seeds alone: mean and spread of their figures.
 
     Every seed counts alike, however many episodes it has.

@@ -232,6 +232,7 @@ class Markov(
     def step(self, z: Row, before: Row | None, sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
         likely = self._probabilities(before, sigma)
+        # A list inside of the tuple: a generator takes longer, and this runs at each step.
         pairs = zip(z, likely, strict=True)
         return tuple([1.0 if each > _find_threshold(p) else 0.0 for each, p in pairs])
 
@@ -284,6 +285,7 @@ class Markov(
     def _probabilities(self, before: Row | None, sigma: Row) -> Row:
         """P(u_t = 1 | u_{t-1}) of each channel; at the first step the stationary probability."""
         rates = self._find_rates(sigma)
+        # From the long run, as an episode begins anywhere in a drive, and not where events begin.
         if before is None:
             return tuple([self._find_share(begins) for begins in rates])
         ends = 1.0 / self.mean_steps
@@ -324,6 +326,7 @@ class Once(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="k
 
     def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
+        # z of later steps stay part of the noise, so that all channels have one shape of array.
         return z if before is None else before
 
     def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:

@@ -16,13 +16,16 @@ FAR = 1e150
 
 SQRT_TWO = sqrt(2.0)
 LOG_SQRT_TWO_PI = 0.5 * log(2.0 * pi)
+# `inv_cdf` refuses 0, which is what smaller tails round to on the way back.
 LEAST_TAIL = 0.5 * erfc(REACH / SQRT_TWO)
 NORMAL = NormalDist()
 
 
 def map_normal_to_t(z: float, nu: float) -> float:
     """Return t(z), to about ten digits; NaN counts as REACH."""
+    # `min` returns its first argument where the second one is NaN.
     size = min(REACH, abs(z))
+    # An odd function: one table serves both signs.
     return copysign(size * exp(_log_stretch(nu)(size)), z)
 
 
@@ -110,6 +113,7 @@ class LogStretch:
 
 def _log_t(z: float, nu: float, guess: float) -> float:
     """log t with T(t) = Φ(z), z > 0: Newton's method on the logarithm of the smaller mass."""
+    # Of the two masses the smaller one has its digits left: the other is rounded to nearly 1.
     central = z < 1.0
     target = log(erf(z / SQRT_TWO) if central else erfc(z / SQRT_TWO))
     log_t = guess
@@ -122,4 +126,5 @@ def _log_t(z: float, nu: float, guess: float) -> float:
     return log_t
 
 
+# A table for each nu, of which a campaign has few.
 _log_stretch = lru_cache(maxsize=16)(LogStretch)

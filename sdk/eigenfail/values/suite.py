@@ -9,7 +9,7 @@ from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.episode import ERRORED
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.values.showing import Brief, Shown, Tabular
+from eigenfail.values.showing import Brief, Shown
 from eigenfail.values.summary import Summary
 
 SEPARATOR = ": "
@@ -84,7 +84,7 @@ class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
     summary: Summary
 
 
-class SuiteTable(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class SuiteTable(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """A suite, one row for each member.
 
     Attributes:

@@ -5,7 +5,7 @@ import msgspec
 from eigenfail.values.campaign import Counts
 from eigenfail.values.episode import Outcome
 from eigenfail.values.estimates import Cost, Estimate, Rate
-from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
+from eigenfail.values.showing import Brief, Shown
 
 
 class MeanTime(msgspec.Struct, frozen=True):
@@ -219,7 +219,7 @@ class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
     median_robustness_m: float | None
 
 
-class Course(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
+class Course(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """A campaign over its episodes.
 
     Attributes:
@@ -330,7 +330,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
     lost_worker_s: float
 
 
-class CampaignCost(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
+class CampaignCost(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Cost of a campaign, with the failures and modes found.
 
     Attributes:

@@ -138,12 +138,14 @@ class Combination(Node):
 
 def find_smaller(one: Samples, other: Samples) -> Samples:
     """Return the robustness of `and`: NaN where a part is not judged and none is violated."""
+    # A part that is violated settles `and`, whatever the part that is not judged would say.
     judged = np.fmin(one, other)
     return np.where((np.isnan(one) | np.isnan(other)) & ~(judged <= 0.0), np.nan, judged)
 
 
 def find_larger(one: Samples, other: Samples) -> Samples:
     """Return the robustness of `or`: NaN where a part is not judged and none is satisfied."""
+    # A part that is satisfied settles `or`, as above.
     judged = np.fmax(one, other)
     return np.where((np.isnan(one) | np.isnan(other)) & ~(judged > 0.0), np.nan, judged)
 
@@ -160,6 +162,7 @@ class Window(Node):
         """Return the extreme value over the steps that it looks at."""
         (part,) = self.parts
         values = _spread(part.evaluate(signals, dt_s), signals)
+        # The past is the future of the reversed course: one way of counting serves both.
         ahead = values if self.looks_ahead else values[::-1]
         found = self._look_ahead(ahead, dt_s)
         return found if self.looks_ahead else found[::-1]
@@ -320,6 +323,7 @@ class FormulaParser:
     @contextmanager
     def _nest(self) -> Iterator[None]:
         """Count one more operator or parenthesis inside the others, and refuse too many."""
+        # Parser and evaluation recurse: a formula of a request must not exhaust Python's stack.
         self._depth += 1
         if self._depth > DEEPEST:
             problem = f"has more than {DEEPEST} operators and parentheses inside each other."
@@ -375,10 +379,13 @@ class FormulaParser:
         if not sign:
             raise self._make_error("a comparison such as '> 0.5'")
         right = self._read_sum()
+        # > and >= have the same robustness, which differs from them only at 0: there it is
+        # violated.
         larger, smaller = (left, right) if sign.startswith(">") else (right, left)
         return Combination(np.subtract, larger, smaller)
 
     def _read_sum(self) -> Node:
+        # A difference is a sum with a negated part, so that there is one kind of node for both.
         parts = [self._read_product()]
         while sign := self._take("+", "-"):
             part = self._read_product()
@@ -451,10 +458,12 @@ def check_formula(
     bounds = {bound_s for node in found.list_nodes() for bound_s in node.bounds if bound_s < inf}
     for bound_s in sorted(bounds):
         steps = bound_s / dt_s
+        # 0.3 s ÷ 0.1 s is no whole number in doubles, and meant as one.
         if not isclose(steps, round(steps), abs_tol=1e-6):
             problem = f"{bound_s:g} s is not a whole number of steps of {dt_s:g} s."
             raise InvalidValue(field, problem, f"Write {round(steps) * dt_s:g}.")
     horizon_s = found.find_horizon()
+    # Steps × duration of a step may be rounded down.
     if horizon_s > duration_s * (1.0 + 1e-9):
         raise InvalidValue(
             field,

@@ -28,6 +28,7 @@ from eigenfail.settings import convert, read_settings
 VARIATION_STREAM = 2
 """Sets these draws apart from those of the noise and of the scenario, from the same seed."""
 
+# Each corner is checked as a campaign is made: more would keep its user waiting.
 MAX_CORNERS = 4096
 
 Number = int | float
@@ -45,6 +46,7 @@ class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def draw(self, random: np.random.Generator, like: Any) -> Number:
         """A value of the kind that `like` has."""
         low, high = self.uniform
+        # By the kind of the parameter, not of the ends: [52, 70] may stand for metres.
         if isinstance(like, int):
             return int(random.integers(int(low), int(high), endpoint=True))
         # Rounding may lead beyond an end, and the parameter's bounds were checked at the ends.
@@ -101,6 +103,7 @@ class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ends = (-last, -first) if mirrored else (first, last)
         below, above = (0.5 * erfc(-end / sqrt(2.0)) for end in ends)
         share = below + (1.0 - p if mirrored else p) * (above - below)
+        # At 0 and 1, where it is infinite, the ends of `within` are the answer.
         z = STANDARD.inv_cdf(share) if 0.0 < share < 1.0 else inf * (share - 0.5)
         value = min(max(mean + deviation * (-z if mirrored else z), low), high)
         return round(value) if isinstance(like, int) else float(value)
@@ -205,6 +208,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         A correlated parameter is the quantile of what the Cholesky factor of the correlations makes
         of its z and of those before it, which is standard normal, too.
         """
+        # To read parameters takes longer than all else here, and most campaigns search none.
         like = self._like() if z else None
         return {
             name: self.searched[name].find_quantile(STANDARD.cdf(each), getattr(like, name))
@@ -263,6 +267,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         """The complaint, with the value that a distribution gave."""
         name = error.field.removeprefix(f"{self.field}.")
         given, problem = self.fixed.get(name), error.problem.removeprefix(f"{error.field}: ")
+        # A dict that is no distribution is nearly always a misspelt one, as in {"unform": [1, 2]}.
         if isinstance(given, dict) and given:
             return UnknownName(error.field, str(next(iter(given))), KINDS)
         if not drawn or name in drawn:
@@ -299,6 +304,7 @@ def read_variation(
         if isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
     }
     fixed = {name: value for name, value in given.items() if name not in varied}
+    # A parameter that is searched is not drawn: taken out here, it uses up no random number.
     chosen = {name: varied.pop(name) for name in searched if name in varied}
     if prod(len(one.ends()) for one in (*varied.values(), *chosen.values())) > MAX_CORNERS:
         problem = f"the distributions have more than {MAX_CORNERS} combinations of ends."
@@ -329,6 +335,7 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
     """
     name = next(name for name in KINDS if name in given)
     found: Distribution = convert(given, KINDS[name], field)
+    # In a type's bounds msgspec cannot compare two fields with each other.
     for name, ends in _list_intervals(found):
         low, high = ends
         if not (isfinite(low) and isfinite(high) and low <= high):

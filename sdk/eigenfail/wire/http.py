@@ -95,6 +95,7 @@ def make_untyped_problem(status: int, detail: str, instance: str = "", remedy: s
 def make_error(problem: Problem) -> EigenfailError:
     """Return the error that a problem describes."""
     kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(EigenfailError)}
+    # A service of a later release may raise an error that this client has no class for.
     kind = kinds.get(problem.type) or _get_type_for_status(problem.status)
     # `InputError` puts the field in front of the problem again.
     detail = problem.detail.removeprefix(f"{problem.field}: ")

@@ -100,6 +100,7 @@ def read_worker_key(text: str, where: str) -> WorkerKey:
     Raises:
         InvalidValue: the text is not a worker key.
     """
+    # The mark tells a worker's key from a hub's, which has other bytes behind it.
     both = decode_key(text.removeprefix(MARK), 2 * KEY_BYTES) if text.startswith(MARK) else None
     if both is None:
         problem = "is not a worker key."

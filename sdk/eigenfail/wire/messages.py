@@ -39,6 +39,7 @@ _Fingerprint = Annotated[bytes, msgspec.Meta(max_length=FINGERPRINT_BYTES)]
 FINISHED = b""
 """Fingerprint of a task that is finished: its result follows, and is judged like any other."""
 
+# In a fixed order: equal settings must have equal fingerprints, however a file was written.
 _task_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array, order="deterministic")
 
 
@@ -292,6 +293,7 @@ class MessageReader:
             raise ProtocolError(f"A message of {len(data)} bytes exceeds {MAX_MESSAGE_BYTES}.")
         try:
             message: Message = self._decoder.decode(data)
+        # The bytes come from strangers: whatever they hold must end here, and not the hub.
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ProtocolError(f"Not a message of this protocol: {error}.") from error
         return message
@@ -351,6 +353,7 @@ def split(message: Message, max_bytes: int = MAX_MESSAGE_BYTES) -> Iterator[byte
         ProtocolError: the message is longer.
     """
     data = encode(message)
+    # A hello is whole, as a hub joins no pieces for a stranger.
     if len(data) <= PIECE_BYTES or isinstance(message, Hello):
         yield data
         return
@@ -392,6 +395,7 @@ class Assembler:
         if not fits or piece.total > self._max_bytes:
             self.clear()
             raise ProtocolError("A piece of a message does not fit the size that it names.")
+        # A sender that begins anew has given up the message before.
         if piece.offset == 0:
             self._number, self._data = piece.number, bytearray()
         elif (piece.number, piece.offset) != (self._number, len(self._data)):

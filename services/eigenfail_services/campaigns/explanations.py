@@ -14,12 +14,12 @@ from eigenfail import plugins
 from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
-from eigenfail.frames import Record, list_noise
 from eigenfail.process_state import ProcessState
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import LONGEST_NAME, StopRules
 from eigenfail.values.channels import name_columns
+from eigenfail.values.disturbance import list_noise
 from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeSetup,
@@ -91,25 +91,18 @@ def write_steps(result: EpisodeResult, channels: tuple[str, ...]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     scene, columns = result.scene, _name_noise_columns(channels)
-    writer.writerow((*columns, *(_list_columns(scene) if scene else ())))
+    writer.writerow((*columns, "log_probability", *(_list_columns(scene) if scene else ())))
     rows = _list_scene_rows(scene) if scene else iter([()] * result.steps)
-    noise = _list_noise_rows(result, channels)
-    writer.writerows(
-        (*(row[name] for name in columns), *more) for row, more in zip(noise, rows, strict=True)
-    )
+    likely = map(float, result.noise.log_probability_per_step)
+    steps = zip(list_noise(result.noise, channels), likely, rows, strict=True)
+    writer.writerows((*(row[name] for name in columns), log_p, *more) for row, log_p, more in steps)
     return text.getvalue()
 
 
 def _name_noise_columns(channels: tuple[str, ...]) -> tuple[str, ...]:
-    # The names are those of `EpisodeDetail.to_pandas`.
+    # Those of `list_noise`: an episode without a step has no row to take them from.
     by_quantity = zip(*(name_columns(channel) for channel in channels), strict=True)
-    return ("step", *(name for names in by_quantity for name in names), "log_probability")
-
-
-def _list_noise_rows(result: EpisodeResult, channels: tuple[str, ...]) -> Iterator[Record]:
-    likely = result.noise.log_probability_per_step
-    for row, log_p in zip(list_noise(result.noise, channels), likely, strict=True):
-        yield {**row, "log_probability": float(log_p)}
+    return ("step", *(name for names in by_quantity for name in names))
 
 
 def _list_columns(scene: Scene) -> Iterator[str]:

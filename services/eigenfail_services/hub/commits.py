@@ -11,9 +11,9 @@ import msgspec
 import structlog
 
 from eigenfail.errors import NotFound, StoreUnavailable
-from eigenfail.fingerprints import CODE, select_code
 from eigenfail.values.episode import EpisodeFault, EpisodeResult, EpisodeTask, unrunnable
 from eigenfail.values.records import Delivery, Verdict
+from eigenfail.versions import CODE, select_code
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import Metrics, observe_duration
 from eigenfail_services.observability import span

@@ -9,9 +9,9 @@ from msgspec.structs import replace
 from eigenfail.cli import gate
 from eigenfail.cli.gate import fingerprint
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.fingerprints import list_packages, read_package_files
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.versions import list_packages, read_package_files
 
 SPEC = CampaignSpec(name="x", method="monte_carlo", episodes=1, planner="idm")
 

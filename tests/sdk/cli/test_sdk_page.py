@@ -37,7 +37,7 @@ def test_every_block_runs(in_this_process, capsys, monkeypatch, tmp_path):
     for block in BLOCKS:
         exec(compile(block, "docs/sdk.md", "exec"), seen)
     assert seen["campaign"].state == "done"
-    assert len(seen["frame"]) == len(seen["severities"]) == seen["summary"].counts.failures > 2
+    assert len(seen["severities"]) == seen["summary"].counts.failures > 2
     assert seen["proof"].done
     changed, episode, spec = seen["changed"], seen["episode"], seen["campaign"].spec
     assert not changed.noise.z[:, 1].any()

@@ -23,7 +23,7 @@ from eigenfail.errors import (
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
-from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory, list_noise
 from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
@@ -187,11 +187,11 @@ def test_episodes_name_the_channels_of_their_noise(client, store, channels):
     told = client.episodes.get(campaign.id, 0)
     assert told.channels == tuple(f"c{number}" for number in range(channels))
     assert told.noise.z.tobytes() == result_of(channels).noise.z.tobytes()
-    frame = told.to_pandas()
-    assert list(frame) == [
+    steps = list(list_noise(told.noise, told.channels))
+    assert list(steps[0]) == [
         "step", *(f"{name}{kind}" for name in told.channels for kind in ("", "_z", "_sigma"))
     ]  # fmt: skip
-    assert list(frame[f"c{channels - 1}_z"]) == told.noise.z[:, -1].tolist()
+    assert [step[f"c{channels - 1}_z"] for step in steps] == told.noise.z[:, -1].tolist()
     nothing = client.episodes.get(campaign.id, 1)
     assert nothing.noise.z.shape == nothing.noise.sigma.shape == (0, channels)
 

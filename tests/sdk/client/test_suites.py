@@ -228,13 +228,6 @@ def test_suites_are_listed_and_told_by_their_names(client, suite):
         ("seed=1", 1, {"seed": 1}),
         ("seed=2", 2, {"seed": 2}),
     ]
-    frame = table.to_pandas()
-    assert frame[["member", "seed", "campaign"]].to_numpy().tolist() == [
-        ["seed=1", 1, 1],
-        ["seed=2", 2, 2],
-    ]
-    assert {"state", "failures", "failure_rate"} <= set(frame.columns)
-    assert table.to_numpy()["seed"].tolist() == [1, 2]
     with pytest.raises(NotFound, match="No campaign belongs to a suite 'duo'"):
         client.suites.table("duo")
 

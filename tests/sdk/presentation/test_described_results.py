@@ -442,7 +442,7 @@ def test_an_episode_of_a_function_lists_its_robustness_alone():
     )
     driven = spec()
     called = spec(simulator="function", scenario="function", planner="m:f")
-    names = [dict(list_episode_facts(1, each, result, {}).rows) for each in (driven, called)]
+    names = [dict(list_episode_facts("1/0", result, each).rows) for each in (driven, called)]
     assert "severity [m²/s²]" in names[0]
     assert set(names[1]) == {
         *("episode", "outcome", "steps", "disturbances", "robustness", "scene", "digest"),

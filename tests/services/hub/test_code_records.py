@@ -3,8 +3,8 @@
 import pytest
 from store_checks.examples import running
 
-from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
 from eigenfail.testing.examples import spec
+from eigenfail.versions import CODE, fingerprint_plugins, select_code
 from eigenfail_services.hub.commits import CodeRecorder
 from eigenfail_services.store import open_store
 

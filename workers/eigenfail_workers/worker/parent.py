@@ -15,7 +15,6 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.fingerprints import fingerprint_plugins
 from eigenfail.values.episode import (
     EpisodeFault,
     EpisodeResult,
@@ -23,7 +22,7 @@ from eigenfail.values.episode import (
     PriorSource,
     unrunnable,
 )
-from eigenfail.versions import versions
+from eigenfail.versions import fingerprint_plugins, versions
 from eigenfail.wire import messages
 from eigenfail.wire.keys import WorkerKey
 from eigenfail.worlds import world_of

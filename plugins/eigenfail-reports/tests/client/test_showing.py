@@ -1,12 +1,9 @@
 """What notebooks show of a report: what it is on, escaped and small."""
 
 import pytest
-from borrowed_fixtures import borrow
+from html_tags import ALLOWED, NASTY, tags
 
 from eigenfail_reports.client import write_report
-
-CORE = borrow("sdk/client", "test_showing.py")
-NASTY, ALLOWED, tags = (CORE[name] for name in ("NASTY", "ALLOWED", "tags"))
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """Values in a notebook: the tables of the terminal as HTML.
 
+The core finds `to_html` by its entry point.
+
 Everything is escaped; there is no script and no style, so that those of the notebook apply.
 """
 
@@ -9,13 +11,12 @@ from html import escape
 from itertools import chain
 from typing import Any
 
-from eigenfail.frames import flatten
-from eigenfail.presentation import campaigns
-from eigenfail.presentation.analyses import describe_analysis, describe_proof, list_mode_facts
-from eigenfail.presentation.episodes import list_result_facts, tabulate_episodes
+from eigenfail.presentation import campaigns, figures
+from eigenfail.presentation.analyses import describe_analysis, describe_proof, format_peak
+from eigenfail.presentation.episodes import list_episode_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
-from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
+from eigenfail.presentation.tables import Block, FactTable, Table, format_cell, name_columns
 from eigenfail.values.analysis import Analysis, FailureMode, Mode
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Comparison
@@ -26,6 +27,7 @@ from eigenfail.values.safety import Safety
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.values.summary import CampaignCost, Course, Summary
+from eigenfail_notebook.frames import flatten, number_channels
 
 Blocks = tuple[Block, ...]
 
@@ -84,12 +86,27 @@ def _(value: EpisodeRow) -> Blocks:
 
 @describe.register
 def _(value: EpisodeDetail) -> Blocks:
-    return (list_result_facts(value),)
+    return (list_episode_facts(str(value.index), value),)
 
 
 @describe.register
 def _(value: FailureMode) -> Blocks:
-    return (list_mode_facts(value),)
+    place = "" if value.medoid_campaign is None else f" of campaign {value.medoid_campaign}"
+    steps, channels = value.eigenfailure.shape
+    size = f"{figures.count_noun(steps, 'step')}, {figures.count_noun(channels, 'channel')}"
+    # A mode whose failures have no noise has no peak to name.
+    peaks = map(format_peak, value.eigenfailure.T) if steps else ()
+    facts = [("number", str(value.number))] if value.number else []
+    facts += [
+        ("failures", figures.format_count(value.failures)),
+        ("medoid", f"episode {value.medoid}{place}"),
+        ("eigenfailure", size),
+    ]
+    named = zip(number_channels(channels), peaks, strict=False)
+    facts += [(f"peak of {name} [sigma]", peak) for name, peak in named]
+    if value.probability is not None:
+        facts.append(("probability under p(x)", format_cell(value.probability).line))
+    return (FactTable("Failure mode", tuple(facts)),)
 
 
 @describe.register

@@ -1,7 +1,5 @@
 """Diagrams of values: what is drawn, by its data and words."""
 
-import builtins
-
 import matplotlib as mpl
 import msgspec
 import numpy as np
@@ -9,8 +7,7 @@ import pytest
 from matplotlib import pyplot as plt
 from store_checks.examples import deliver, result, running
 
-from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.presentation.plots import plot
+from eigenfail.errors import InvalidValue
 from eigenfail.testing.examples import collision
 from eigenfail.values.analysis import (
     Analysis,
@@ -20,6 +17,7 @@ from eigenfail.values.analysis import (
     FailureMode,
 )
 from eigenfail.values.disturbance import NoiseTrajectory
+from eigenfail_notebook import plot
 
 mpl.use("Agg")
 
@@ -53,7 +51,7 @@ def make_analysis(scores):
 
 
 def test_a_campaign_is_drawn_by_what_became_of_its_episodes(campaign):
-    axes = campaign.plot()
+    axes = plot(campaign)
     names = [label.get_text() for label in axes.get_yticklabels()]
     sizes = [bar.get_width() for bar in axes.patches]
     assert dict(zip(names, sizes, strict=True)) == {
@@ -68,7 +66,7 @@ def test_a_campaign_is_drawn_by_what_became_of_its_episodes(campaign):
 
 def test_a_course_is_drawn_with_the_intervals_that_it_has(client, campaign):
     course = client.campaigns.course(campaign, per=5)
-    axes = course.plot()
+    axes = plot(course)
     (points,) = axes.lines
     assert points.get_xydata().tolist() == [[2.0, 0.4], [7.0, 0.2]]
     (bars,) = axes.collections
@@ -82,17 +80,17 @@ def test_a_course_is_drawn_with_the_intervals_that_it_has(client, campaign):
         )
         for block in course.blocks
     )
-    assert not msgspec.structs.replace(course, blocks=searched).plot().collections
+    assert not plot(msgspec.structs.replace(course, blocks=searched)).collections
 
 
 def test_costs_and_severities_are_drawn_as_they_are(client, campaign):
     costs = client.campaigns.cost(campaign)
-    axes = costs.plot()
+    axes = plot(costs)
     (line,) = axes.lines
     assert axes.get_ylabel() == "failures found"
     assert line.get_ydata().tolist() == [point.failures for point in costs.curve]
     safety = client.campaigns.safety(campaign)
-    axes = safety.plot()
+    axes = plot(safety)
     (marks,) = axes.collections
     assert axes.get_title() == f"Campaign {campaign.id}: first, 3 failures"
     points = [[each.log_probability_per_step, each.severity] for each in safety.scatter.points]
@@ -103,7 +101,7 @@ def test_costs_and_severities_are_drawn_as_they_are(client, campaign):
 def test_a_comparison_has_its_two_sides(client, store, campaign):
     other = running(store, episodes=40, seed=8)
     deliver(store, other, *(result(n) for n in range(4)))
-    axes = client.campaigns.compare(campaign, other.id).plot()
+    axes = plot(client.campaigns.compare(campaign, other.id))
     assert axes.lines[0].get_xydata().tolist() == [[0.0, 0.3], [1.0, 0.0]]
     labels = [label.get_text() for label in axes.get_xticklabels()]
     assert labels == [f"A: {campaign.id}", f"B: {other.id}"]
@@ -112,13 +110,13 @@ def test_a_comparison_has_its_two_sides(client, store, campaign):
 def test_rates_begin_at_zero_and_none_is_cut_off(client, store, campaign):
     worse = running(store, episodes=40, seed=8)
     deliver(store, worse, *(collision(n) for n in range(10)))
-    axes = client.campaigns.course(campaign, per=5).plot()
+    axes = plot(client.campaigns.course(campaign, per=5))
     assert axes.get_ylim()[0] == 0.0
     assert axes.get_title().startswith(f"Campaign {campaign.id}: ")
-    client.campaigns.course(worse.id, per=5).plot(ax=axes)
+    plot(client.campaigns.course(worse.id, per=5), ax=axes)
     low, high = axes.get_ylim()
     assert (low, high > 1.0) == (0.0, True)
-    compared = client.campaigns.compare(campaign, worse.id).plot()
+    compared = plot(client.campaigns.compare(campaign, worse.id))
     low, high = compared.get_ylim()
     assert (low, high > 1.0) == (0.0, True)
     assert not compared.lines[0].get_clip_on()
@@ -127,7 +125,7 @@ def test_rates_begin_at_zero_and_none_is_cut_off(client, store, campaign):
 @pytest.mark.parametrize("components", [1, 2])
 def test_an_analysis_is_drawn_mode_by_mode(components):
     scores = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]
-    axes = make_analysis([row[:components] for row in scores]).plot()
+    axes = plot(make_analysis([row[:components] for row in scores]))
     first, second = axes.collections
     across = (4.0, [2.0, 6.0]) if components == 2 else (0.0, [0.0, 0.0])
     assert first.get_offsets().tolist() == [[3.0, across[0]]]
@@ -140,14 +138,14 @@ def test_an_analysis_is_drawn_mode_by_mode(components):
 def test_an_analysis_without_a_result_leaves_no_empty_figure():
     queued = Analysis(5, 2, AnalysisSettings(), AnalysisState.QUEUED, 0)
     with pytest.raises(InvalidValue, match="queued"):
-        queued.plot()
+        plot(queued)
     assert not plt.get_fignums()
 
 
 def test_an_eigenfailure_is_drawn_with_its_band():
     z = np.array([[1.0, -1.0], [0.5, 2.0]], np.float32)
     mode = FailureMode(3, 7, np.ones(1, np.float32), z, band=np.stack([z - 1.0, z + 1.0]))
-    axes = mode.plot()
+    axes = plot(mode)
     assert [line.get_label() for line in axes.lines[:2]] == ["longitudinal", "lateral"]
     assert axes.lines[1].get_ydata().tolist() == [-1.0, 2.0]
     assert len(axes.collections) == 2
@@ -162,11 +160,11 @@ def test_an_eigenfailure_ends_with_the_last_of_its_failures():
     band = np.zeros((2, 6, 2), np.float32)
     band[1, :4, 1] = 0.5  # a failure whose median is zero at its last step
     mode = FailureMode(2, 7, np.ones(1, np.float32), z, 3, band=band)
-    axes = mode.plot()
+    axes = plot(mode)
     assert [len(line.get_xdata()) for line in axes.lines[:2]] == [4, 4]
     assert axes.collections[0].get_paths()[0].get_extents().xmax == 3.0
     assert axes.get_title() == "Eigenfailure of 2 failures, medoid episode 3/7"
-    short = FailureMode(2, 7, np.ones(1, np.float32), z).plot()
+    short = plot(FailureMode(2, 7, np.ones(1, np.float32), z))
     assert len(short.lines[0].get_xdata()) == 3
     assert short.get_title() == "Eigenfailure of 2 failures, medoid episode 7"
 
@@ -174,7 +172,7 @@ def test_an_eigenfailure_ends_with_the_last_of_its_failures():
 def test_of_many_channels_those_with_the_strongest_noise_are_drawn():
     z = np.zeros((5, 6), np.float32)
     z[:, [4, 1, 3]] = [3.0, -2.0, 1.0]
-    axes = NoiseTrajectory(z, np.ones_like(z)).plot()
+    axes = plot(NoiseTrajectory(z, np.ones_like(z)))
     legend = axes.get_legend()
     assert [text.get_text() for text in legend.get_texts()] == [
         "channel_5",
@@ -186,20 +184,20 @@ def test_of_many_channels_those_with_the_strongest_noise_are_drawn():
 
 def test_an_episode_is_drawn_with_its_own_channels(client, campaign):
     episode = client.episodes.get(campaign, 4)
-    axes = episode.plot()
+    axes = plot(episode)
     assert axes.get_title() == f"Episode {campaign.id}/4: collision"
     for place, line in enumerate(axes.lines[: len(episode.channels)]):
         assert line.get_label() == episode.channels[place]
         assert np.array_equal(line.get_ydata(), episode.noise.z[:, place])
     z = np.ones((3, 3), np.float32)
-    lines = NoiseTrajectory(z, z).plot().lines
+    lines = plot(NoiseTrajectory(z, z)).lines
     assert [line.get_label() for line in lines[:3]] == ["channel_1", "channel_2", "channel_3"]
 
 
 def test_a_diagram_may_be_drawn_beside_another_one(campaign):
     _, (left, right) = plt.subplots(1, 2)
-    assert campaign.plot(right) is right
-    assert campaign.plot(ax=right) is right
+    assert plot(campaign, right) is right
+    assert plot(campaign, ax=right) is right
     assert not left.patches
     assert plt.get_fignums() == [1]
 
@@ -207,16 +205,3 @@ def test_a_diagram_may_be_drawn_beside_another_one(campaign):
 def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(InvalidValue, match="nothing to draw in a int"):
         plot(3)
-
-
-def test_without_matplotlib_the_remedy_is_said(monkeypatch, campaign):
-    ordinary = builtins.__import__
-
-    def without(name, *rest):
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return ordinary(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ServiceError, match=r"pip install '\.\[plot\]'"):
-        campaign.plot()

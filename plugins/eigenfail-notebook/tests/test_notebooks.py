@@ -11,7 +11,7 @@ import psutil
 import pytest
 from nbclient import NotebookClient
 
-FOLDER = Path(__file__).parents[2] / "examples" / "notebooks"
+FOLDER = Path(__file__).parents[1] / "examples"
 WITHIN_S = deadlines.CAMPAIGN_S
 
 LARGEST_BYTES = 40_000

@@ -1,43 +1,18 @@
 """What notebooks show: the words of the command line as HTML, escaped and small."""
 
 import re
-from html.parser import HTMLParser
 
 import pytest
-from msgspec.structs import replace
+from html_tags import ALLOWED, NASTY, tags
 from store_checks.examples import deliver, running
 
-from eigenfail.presentation.notebook import to_html
 from eigenfail.testing.examples import collision, make_errored_result
 from eigenfail.values.analysis import Mode
 from eigenfail.values.estimates import Cost, Interval
 from eigenfail.values.rows import SHOWN, Rows
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
-
-NASTY = "<script>alert('[b]x[/b]')</script>"
-MOST_REPR = 6_000
-ALLOWED = {"table", "thead", "tbody", "tr", "th", "td", "p"}
-
-
-class Tags(HTMLParser):
-    def __init__(self):
-        super().__init__()
-        self.names, self.open = set(), []
-
-    def handle_starttag(self, tag, attrs):
-        assert not attrs
-        self.names.add(tag)
-        self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
-def tags(text):
-    seen = Tags()
-    seen.feed(text)
-    assert seen.open == []
-    return seen.names
+from eigenfail_notebook import to_pandas
+from eigenfail_notebook.display import to_html
 
 
 @pytest.fixture
@@ -70,7 +45,6 @@ def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields):
         assert tags(text), name
         assert "<script" not in text
         assert len(text) < 20_000
-        assert len(repr(value)) < MOST_REPR, name
     assert "&lt;script&gt;alert(&#x27;[b]x[/b]&#x27;)" in pages["campaigns"]._repr_html_()
     assert "queued" in pages["analysis"]._repr_html_()
     assert "<td>1 queued</td>" in pages["suites"]._repr_html_()
@@ -120,15 +94,7 @@ def test_campaigns_over_seeds_are_shown_as_their_table():
     assert tags(text) <= ALLOWED
     assert "<td>20.0 % [0, 90.0]</td>" in text
     assert "<td>0.500 [0.250, ∞)</td>" in text
-    assert spread.to_pandas()["share_mean"].tolist() == [0.2]
-
-
-def test_a_repr_is_short_however_much_a_value_holds(client, campaign):
-    course = client.campaigns.course(campaign.id)
-    long = replace(course, heading="Failures " * 5_000, blocks=("b" * 1_000,) * 5_000)
-    assert "5000 in all" in repr(long)
-    for value in (long, *client.methods(), *client.scenarios(), *client.planners()):
-        assert len(repr(value)) < MOST_REPR
+    assert to_pandas(spread)["share_mean"].tolist() == [0.2]
 
 
 def test_a_long_list_shows_its_beginning_and_says_so():
@@ -141,7 +107,6 @@ def test_showing_a_list_does_not_use_it_up(client, campaign):
     rows = client.campaigns.list()
     assert rows._repr_html_() == rows._repr_html_()
     assert [each.id for each in rows] == [campaign.id]
-    assert "to_pandas" in repr(rows)
 
 
 def test_a_value_of_another_kind_is_shown_as_it_is():

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.frames import result_of
+from eigenfail.errors import InvalidValue
 from eigenfail.presentation.analyses import pick_channels
 from eigenfail.presentation.figures import count_noun
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Comparison
-from eigenfail.values.disturbance import NoiseTrajectory, number_channels
+from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.safety import Safety
 from eigenfail.values.summary import CampaignCost, Course
+from eigenfail_notebook.frames import number_channels, result_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,26 +31,26 @@ FAILURES, OTHERS, ERRORED, OPEN = "#c0392b", "#4c78a8", "#8c8c8c", "#d9d9d9"
 """Colours of failures, of other completed episodes, of errored ones, and of those to come."""
 
 
-def plot(value: object, axes: "Axes | None" = None) -> "Axes":
-    """Draw a value.
+def plot(value: object, ax: "Axes | None" = None) -> "Axes":
+    """Draw a value with matplotlib.
 
     Args:
-        value: a value with a method `plot`.
-        axes: where it is drawn; None: into a new figure.
+        value: a campaign, its course, costs or safety, a comparison, an analysis, a failure mode,
+            an episode or its noise.
+        ax: axes into which it is drawn; None: a new figure.
+
+    Returns:
+        The axes, to go on drawing; their `figure` can be saved.
 
     Raises:
         InvalidValue: the value has nothing that could be drawn.
-        ServiceError: matplotlib is not installed.
     """
-    if axes is not None:
-        _draw(value, axes)
-        return axes
-    try:
-        from matplotlib import pyplot as plt
-    except ImportError as error:
-        raise ServiceError(
-            "matplotlib is not installed.", "Run in a clone: pip install '.[plot]'."
-        ) from error
+    if ax is not None:
+        _draw(value, ax)
+        return ax
+    # pyplot chooses a backend as it is imported, which a notebook may still want to set.
+    from matplotlib import pyplot as plt
+
     figure, made = plt.subplots(layout="constrained")
     try:
         _draw(value, made)

@@ -4,6 +4,8 @@ A list, or any sequence of values, has a row for each; a course its blocks, safe
 analysis a row for each failure with its mode and scores, a comparison its two sides, a cost its
 curve, noise its steps, a suite its members with what sets them apart and what they found. Tables
 for people are those of `eigenfail.presentation`.
+
+pandas and pyarrow are imported where they are used: a cell that shows a value needs neither.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,12 +23,11 @@ from eigenfail.filters import COLUMNS, ColumnKind, find_column, read_value
 from eigenfail.values.analysis import Analysis, AnalysisResult, Mode
 from eigenfail.values.campaign import Counts
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.channels import name_columns
 from eigenfail.values.comparison import Comparison
-from eigenfail.values.disturbance import NoiseTrajectory, number_channels
+from eigenfail.values.disturbance import AXES, NoiseTrajectory, list_noise
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
-from eigenfail.values.rows import NO_COLUMNS, Columns, Rows
+from eigenfail.values.rows import Rows
 from eigenfail.values.safety import FailurePoint, Safety
 from eigenfail.values.suite import SuiteTable
 from eigenfail.values.summary import CampaignCost, CostPoint, Course, CourseBlock
@@ -37,6 +38,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Record = dict[str, Any]
+
+Columns = Mapping[str, ColumnKind]
+"""Types of the columns of a table by name, in the order of the table."""
+
+NO_COLUMNS: Columns = MappingProxyType({})
 
 
 @singledispatch
@@ -90,20 +96,17 @@ def _(value: AnalysisResult) -> Iterator[Record]:
         yield {"index": episode, "mode": mode + 1, **named}
 
 
+def number_channels(count: int) -> tuple[str, ...]:
+    """Return names of a number of channels whose own names are not known.
+
+    Two channels have the names of those that there always were.
+    """
+    return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
+
+
 @records.register
 def _(value: NoiseTrajectory) -> Iterator[Record]:
     return list_noise(value, number_channels(value.z.shape[1]))
-
-
-def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:
-    """Return a row for each step of noise, with columns for each of its channels by these names."""
-    columns = [name_columns(name) for name in channels]
-    rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
-    for step, (injected, z, sigma) in enumerate(rows):
-        row: Record = {"step": step}
-        for names, a_t, z_t, sigma_t in zip(columns, injected, z, sigma, strict=True):
-            row |= {names.error: float(a_t), names.z: float(z_t), names.sigma: float(sigma_t)}
-        yield row
 
 
 @records.register
@@ -231,15 +234,6 @@ def _(_value: CampaignCost) -> Columns:
     return list_struct_columns(CostPoint)
 
 
-def list_named_columns(names: Sequence[str]) -> Columns:
-    """Return the types of columns of episodes that are asked for by name.
-
-    Raises:
-        UnknownName: there is no such column.
-    """
-    return {name: find_column(name, "fields").kind for name in names}
-
-
 @cache
 def list_struct_columns(kind: Any) -> Columns:
     """Return the columns of the rows that values of a type are; none of a type without fields."""
@@ -293,7 +287,9 @@ def _choose_type(types: Sequence[type]) -> ColumnKind | None:
 
 @find_columns.register(Rows)
 def _(value: Rows[Any]) -> Columns:
-    return value.columns
+    if isinstance(value.of, tuple):
+        return {name: find_column(name, "fields").kind for name in value.of}
+    return list_struct_columns(value.of)
 
 
 NUMBER = (int, float)
@@ -312,15 +308,9 @@ def to_pandas(value: object) -> "pd.DataFrame":
 
     Raises:
         InvalidValue: there is no table in it.
-        ServiceError: pandas is not installed.
     """
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise ServiceError(
-            "pandas is not installed.",
-            "Run in a clone: pip install '.[export]'; or use to_numpy().",
-        ) from error
+    import pandas as pd
+
     known = find_columns(value)
     if columns := columns_of(records(value)):
         return pd.DataFrame(columns)
@@ -342,7 +332,7 @@ def to_arrow(value: object) -> "pa.Table":
     except ImportError as error:
         raise ServiceError(
             "pyarrow is not installed.",
-            "Run in a clone: pip install '.[export]'; or use to_numpy().",
+            "Run in a clone: pip install 'plugins/eigenfail-notebook[arrow]'; or use to_pandas().",
         ) from error
     types = {
         ColumnKind.NUMBER: pa.float64(),
