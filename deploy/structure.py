@@ -101,8 +101,6 @@ PUBLIC = [
     "r_hat",
     "simulation_s",
     # Imported by name, or by position.
-    "FastTrainer",
-    "SacTrainer",
     "to_html",
     "env",
 ]
@@ -115,10 +113,8 @@ NAMES_FOR_FRAMEWORKS = [
     "_repr_html_",
     "handleError",
     "msg",
-    # prometheus_client, gymnasium
+    # prometheus_client
     "collect",
-    "observation_space",
-    "action_space",
     # SQLAlchemy, sqlite3, Starlette
     "impl",
     "cache_ok",

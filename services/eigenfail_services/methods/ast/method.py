@@ -28,7 +28,8 @@ from eigenfail_services.methods.ast.reward import (
     PaperReward,
     Reward,
 )
-from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_trainer
+from eigenfail_services.methods.ast.settings import AstSettings
+from eigenfail_services.methods.ast.trainer import Trainer
 from eigenfail_services.statistics.importance import WeightedFailures
 
 
@@ -122,7 +123,7 @@ def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) ->
         raise InvalidValue(
             FIELD,
             f"the networks of campaign {campaign} do not fit: {error}.",
-            "Use that campaign's `hidden` and `trainer`.",
+            "Use that campaign's `hidden`.",
         ) from error
 
 
@@ -269,7 +270,7 @@ class AdaptiveStressTesting:
     def _make_trainer(self, attempt: Attempt) -> Trainer:
         seed = attempt.derive_seed(self._seed)
         options = self._settings.options(self._channels, seed)
-        return make_trainer(self._settings.trainer, options)
+        return Trainer(options)
 
     def _get_amplitude(self, episode: int) -> float:
         """Return the amplitude of the round of the present attempt that begins with an episode."""

@@ -1,15 +1,13 @@
 """Settings of `ast`, by the paper's names."""
 
 from math import log
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import msgspec
 
 from eigenfail.errors import InvalidValue
-from eigenfail.plugins import load_class
-from eigenfail.values.learning import Policy, count_state
-from eigenfail_services.methods.archive import Arrays
-from eigenfail_services.methods.ast.decisions import DecisionProcess, Decisions
+from eigenfail.values.learning import count_state
+from eigenfail_services.methods.ast.decisions import DecisionProcess
 
 REWARD_SCALE = 1e-3
 """Scale of rewards: natural rewards (thousands) make the learning of small new networks stall.
@@ -18,13 +16,6 @@ With the initial entropy coefficient at the same scale, every target, loss and g
 natural one times a constant, to which Adam is invariant: the algorithm is the same as with natural
 rewards and critics whose outputs are multiplied by 1000.
 """
-
-
-TRAINERS = {
-    "fast": "eigenfail_services.methods.ast.trainer_numpy:FastTrainer",
-    "sb3": "eigenfail_services.methods.ast.trainer_sb3:SacTrainer",
-}
-"""Paths instead of classes, so that torch is imported only with the trainer that needs it."""
 
 
 class SacOptions(msgspec.Struct, frozen=True):
@@ -57,48 +48,6 @@ class SacOptions(msgspec.Struct, frozen=True):
     def states(self) -> int:
         """Number of components of a state."""
         return count_state(self.channels)
-
-
-class Trainer(Protocol):
-    """Trains on rollouts of workers; deterministic, given its seed and its transitions."""
-
-    def add(self, decisions: Decisions) -> None:
-        """Add transitions to the replay buffer, which drops the oldest ones."""
-
-    def train(self, steps: int, draw: int) -> None:
-        """Take gradient steps, with the randomness of draw number `draw`.
-
-        Raises:
-            LearnerDiverged: a weight became NaN or infinite.
-        """
-
-    def policy(self, version: int) -> Policy:
-        """Return the present actor as a policy."""
-
-    def adopt(self, arrays: Arrays) -> None:
-        """Take over the networks and the entropy coefficient of another trainer of this kind.
-
-        Optimizers and replay buffer do not change.
-
-        Raises:
-            ValueError: an array is missing or has another shape.
-        """
-
-    def arrays(self) -> Arrays:
-        """Return the whole state, from which training goes on bit for bit."""
-
-    def load(self, arrays: Arrays) -> None:
-        """Restore the state.
-
-        Raises:
-            ValueError: an array is missing or has another shape.
-        """
-
-
-def make_trainer(name: str, options: SacOptions) -> Trainer:
-    """Return a new trainer by its name."""
-    trainer: Trainer = load_class(TRAINERS[name])(options)
-    return trainer
 
 
 Width = Annotated[int, msgspec.Meta(ge=1, le=4096)]
@@ -246,10 +195,6 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         Annotated[int, msgspec.Meta(ge=1)] | None,
         msgspec.Meta(description="campaign of `ast` whose networks are the initial ones"),
     ] = None
-    trainer: Annotated[
-        Literal["fast", "sb3"],
-        msgspec.Meta(description="soft actor-critic in numpy (fast) or stable-baselines3"),
-    ] = "fast"
 
     def no_estimate(self) -> str:
         """Return why there is no failure probability, and what to do; empty if there is one."""

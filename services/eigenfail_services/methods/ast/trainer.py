@@ -215,8 +215,11 @@ class DrawnActions(NamedTuple):
     log_probability: Floats
 
 
-class FastTrainer:
-    """Soft actor-critic with twin critics and an adaptive entropy coefficient."""
+class Trainer:
+    """Soft actor-critic with twin critics and an adaptive entropy coefficient.
+
+    It is deterministic, given its seed and its transitions.
+    """
 
     def __init__(self, options: SacOptions) -> None:
         random = np.random.default_rng([options.seed, 0])
