@@ -5,14 +5,14 @@ import torch
 from reference_sac import ReferenceTrainer
 
 from eigenfail.values.learning import STATE
-from eigenfail_services.methods.ast.settings import SacOptions
+from eigenfail_services.methods.ast.settings import AstSettings
 from eigenfail_services.methods.ast.trainer import Trainer
 from eigenfail_workers.noise.policy import act, copy_policy, validate_policy
 
 SEED = 7
 
 
-OPTIONS = SacOptions(
+SETTINGS = AstSettings(
     learning_rate=3e-4,
     batch_size=16,
     buffer_size=100,
@@ -23,13 +23,12 @@ OPTIONS = SacOptions(
     target_entropy=-2.0,
     amplitude=2.5,
     hold=5,
-    seed=SEED,
-    channels=2,
+    n_step=1,
 )
 
 
 def trainer():
-    made = ReferenceTrainer(OPTIONS)
+    made = ReferenceTrainer(SETTINGS, 2, SEED)
     # Far from the tame start: saturated actions and clamped deviations shall agree too.
     with torch.no_grad():
         made.model.actor.mu.weight.mul_(10.0)
@@ -54,7 +53,7 @@ def test_numpy_and_torch_choose_the_same_noise():
 
 
 def test_the_trainer_means_the_policy_that_it_exports():
-    made = Trainer(OPTIONS)
+    made = Trainer(SETTINGS, 2, SEED)
     made.actor.weights *= 8.0
     policy = copy_policy(made.policy(version=0))
     validate_policy(policy)

@@ -8,7 +8,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-from eigenfail.values.learning import Layer, Policy
+from eigenfail.values.learning import Layer, Policy, count_state
 from eigenfail_services.methods.ast.settings import REWARD_SCALE
 
 KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
@@ -46,25 +46,25 @@ class ReferenceTrainer:
         buffer: its replay buffer.
     """
 
-    def __init__(self, options):
+    def __init__(self, settings, channels, seed):
         torch.set_num_threads(1)
-        self._options = options
+        self._settings, self._seed = settings, seed
         # Networks draw their first weights from torch's global generator, which is put back.
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int(np.random.default_rng([options.seed, 0]).integers(2**63)))
+            torch.manual_seed(int(np.random.default_rng([seed, 0]).integers(2**63)))
             self.model = SAC(
                 "MlpPolicy",
-                SpaceHolder(options.states, options.channels),
-                learning_rate=options.learning_rate,
-                buffer_size=options.buffer_size,
-                batch_size=options.batch_size,
-                tau=options.tau,
-                gamma=options.gamma,
-                ent_coef=f"auto_{options.entropy * REWARD_SCALE}",
-                target_entropy=options.target_entropy,
+                SpaceHolder(count_state(channels), channels),
+                learning_rate=settings.learning_rate,
+                buffer_size=settings.buffer_size,
+                batch_size=settings.batch_size,
+                tau=settings.tau,
+                gamma=settings.gamma**settings.n_step,
+                ent_coef=f"auto_{settings.entropy * REWARD_SCALE}",
+                target_entropy=settings.target_entropy,
                 replay_buffer_class=SeededBuffer,
                 policy_kwargs={
-                    "net_arch": list(options.hidden),
+                    "net_arch": list(settings.hidden),
                     "optimizer_kwargs": {"fused": True},
                 },
                 device="cpu",
@@ -88,8 +88,8 @@ class ReferenceTrainer:
 
     def train(self, steps, draw):
         """Take gradient steps, with the batches of draw number `draw`."""
-        self.buffer.generator = np.random.default_rng([self._options.seed, draw])
-        self.model.train(gradient_steps=steps, batch_size=self._options.batch_size)
+        self.buffer.generator = np.random.default_rng([self._seed, draw])
+        self.model.train(gradient_steps=steps, batch_size=self._settings.batch_size)
 
     def policy(self, version):
         """Return the present actor as a policy with raw weights."""
@@ -100,8 +100,8 @@ class ReferenceTrainer:
             hidden=tuple(map(copy_layer, layers)),
             mean=copy_layer(actor.mu),
             log_std=copy_layer(actor.log_std),
-            amplitude=self._options.amplitude,
-            hold=self._options.hold,
+            amplitude=self._settings.amplitude,
+            hold=self._settings.hold,
         )
 
 

@@ -9,12 +9,13 @@ from reference_sac import ReferenceTrainer
 from eigenfail.errors import LearnerDiverged
 from eigenfail.values.learning import count_state
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.settings import SacOptions
+from eigenfail_services.methods.ast.settings import AstSettings
 from eigenfail_services.methods.ast.trainer import Trainer
 
 BATCH = 16
+SEED, OTHER_SEED = 3, 4
 
-OPTIONS = SacOptions(
+SETTINGS = AstSettings(
     learning_rate=1e-3,
     batch_size=BATCH,
     buffer_size=200,
@@ -25,11 +26,8 @@ OPTIONS = SacOptions(
     target_entropy=-1.0,
     amplitude=2.0,
     hold=5,
-    seed=3,
-    channels=2,
+    n_step=1,
 )
-
-OTHER_SEED = msgspec.structs.replace(OPTIONS, seed=4)
 
 
 def transitions(count, seed=0, channels=2):
@@ -72,8 +70,7 @@ def copy_weights(sac, fast):
 
 @pytest.mark.parametrize("channels", [1, 2, 5])
 def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
-    options = msgspec.structs.replace(OPTIONS, channels=channels)
-    sac, fast = ReferenceTrainer(options), Trainer(options)
+    sac, fast = ReferenceTrainer(SETTINGS, channels, SEED), Trainer(SETTINGS, channels, SEED)
     copy_weights(sac, fast)
     sac.add(transitions(150, channels=channels))
     fast.add(transitions(150, channels=channels))
@@ -88,10 +85,10 @@ def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
     sac.model.train(gradient_steps=40, batch_size=BATCH)
     for i in range(40):
         fast.step(fast.memory.select_rows(rows[i]), eps[i, 0], eps[i, 1])
-    mirror = Trainer(options)
+    mirror = Trainer(SETTINGS, channels, SEED)
     copy_weights(sac, mirror)
-    started = Trainer(options)
-    copy_weights(ReferenceTrainer(options), started)
+    started = Trainer(SETTINGS, channels, SEED)
+    copy_weights(ReferenceTrainer(SETTINGS, channels, SEED), started)
     for name in ("actor", "critics", "targets"):
         ours, theirs = getattr(fast, name).weights, getattr(mirror, name).weights
         assert np.abs(theirs - getattr(started, name).weights).max() > 1e-3, "nothing was learnt"
@@ -100,7 +97,7 @@ def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
 
 
 def test_a_restored_trainer_goes_on_bit_for_bit():
-    first, second = Trainer(OPTIONS), Trainer(OPTIONS)
+    first, second = Trainer(SETTINGS, 2, SEED), Trainer(SETTINGS, 2, SEED)
     first.add(transitions(250))
     first.train(5, draw=1)
     second.add(transitions(7, seed=5))
@@ -114,7 +111,7 @@ def test_a_restored_trainer_goes_on_bit_for_bit():
 
 
 def test_the_oldest_transitions_make_room():
-    trainer = Trainer(OPTIONS)
+    trainer = Trainer(SETTINGS, 2, SEED)
     trainer.add(transitions(150))
     trainer.add(transitions(150, seed=1))
     kept = [array for array in trainer.arrays().values() if array.size == 200]
@@ -123,13 +120,15 @@ def test_the_oldest_transitions_make_room():
 
 
 def test_the_first_policy_depends_on_the_seed_alone():
-    weights = [Trainer(options).policy(0).mean.weight for options in (OPTIONS, OPTIONS, OTHER_SEED)]
+    weights = [
+        Trainer(SETTINGS, 2, seed).policy(0).mean.weight for seed in (SEED, SEED, OTHER_SEED)
+    ]
     np.testing.assert_array_equal(weights[0], weights[1])
     assert not np.array_equal(weights[0], weights[2])
 
 
 def test_the_trainer_ends_on_a_nan():
-    trainer = Trainer(OPTIONS)
+    trainer = Trainer(SETTINGS, 2, SEED)
     trainer.add(transitions(20))
     trainer.critics.weights[3] = np.nan
     with pytest.raises(LearnerDiverged, match="diverged"):
@@ -137,16 +136,16 @@ def test_the_trainer_ends_on_a_nan():
 
 
 def test_a_trainer_adopts_networks_and_nothing_else():
-    first, second = Trainer(OPTIONS), Trainer(OTHER_SEED)
+    first, second = Trainer(SETTINGS, 2, SEED), Trainer(SETTINGS, 2, OTHER_SEED)
     first.add(transitions(60))
     first.train(5, draw=1)
     second.adopt(first.arrays())
     np.testing.assert_array_equal(second.policy(0).mean.weight, first.policy(0).mean.weight)
-    fresh = {key: array.shape for key, array in Trainer(OPTIONS).arrays().items()}
+    fresh = {key: array.shape for key, array in Trainer(SETTINGS, 2, SEED).arrays().items()}
     assert {key: array.shape for key, array in second.arrays().items()} == fresh
 
 
 def test_networks_of_another_shape_are_not_adopted():
-    narrow = msgspec.structs.replace(OPTIONS, hidden=(8, 8))
+    narrow = msgspec.structs.replace(SETTINGS, hidden=(8, 8))
     with pytest.raises(ValueError, match="should have shape"):
-        Trainer(OPTIONS).adopt(Trainer(narrow).arrays())
+        Trainer(SETTINGS, 2, SEED).adopt(Trainer(narrow, 2, SEED).arrays())

@@ -1,6 +1,6 @@
 """AST as a learner: soft actor-critic on the paper's decision process (Lee et al. 2020)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -33,34 +33,15 @@ from eigenfail_services.methods.ast.trainer import Trainer
 from eigenfail_services.statistics.importance import WeightedFailures
 
 
-def paper(settings: AstSettings, _context: LearnerContext) -> Reward:
-    """Log p at every step."""
-    return PaperReward(settings.alpha, settings.c_dist)
-
-
-def mahalanobis(settings: AstSettings, _context: LearnerContext) -> Reward:
-    """A distance in place of log p."""
-    return MahalanobisReward(settings.alpha, settings.c_dist)
-
-
-def dissimilarity(settings: AstSettings, context: LearnerContext) -> Reward:
-    """The paper's, and a bonus for failures unlike those known."""
-    nothing = np.zeros((0, context.horizon, context.channels), np.float32)
-    return DissimilarityReward(
-        PaperReward(settings.alpha, settings.c_dist), settings.c_dissimilarity, nothing
-    )
-
-
-REWARDS: dict[str, Callable[[AstSettings, LearnerContext], Reward]] = {
-    "paper": paper,
-    "mahalanobis": mahalanobis,
-    "dissimilarity": dissimilarity,
-}
-
-
 def make_reward(settings: AstSettings, context: LearnerContext) -> Reward:
     """Return the reward that the settings name, for the noise of a campaign."""
-    return REWARDS[settings.reward](settings, context)
+    paper = PaperReward(settings.alpha, settings.c_dist)
+    if settings.reward == "mahalanobis":
+        return MahalanobisReward(settings.alpha, settings.c_dist)
+    if settings.reward == "dissimilarity":
+        nothing = np.zeros((0, context.horizon, context.channels), np.float32)
+        return DissimilarityReward(paper, settings.c_dissimilarity, nothing)
+    return paper
 
 
 class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -165,6 +146,7 @@ class AdaptiveStressTesting:
     lookahead = 1
 
     def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
+        settings.check_entropy(context.channels)
         self._settings = settings
         self._reward = make_reward(settings, context)
         self._seed = context.seed
@@ -268,9 +250,7 @@ class AdaptiveStressTesting:
         self._trainer, self._average, self._reward, self._facts = trainer, average, reward, facts
 
     def _make_trainer(self, attempt: Attempt) -> Trainer:
-        seed = attempt.derive_seed(self._seed)
-        options = self._settings.options(self._channels, seed)
-        return Trainer(options)
+        return Trainer(self._settings, self._channels, attempt.derive_seed(self._seed))
 
     def _get_amplitude(self, episode: int) -> float:
         """Return the amplitude of the round of the present attempt that begins with an episode."""

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 import msgspec
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values.learning import count_state
 from eigenfail_services.methods.ast.decisions import DecisionProcess
 
 REWARD_SCALE = 1e-3
@@ -16,38 +15,6 @@ With the initial entropy coefficient at the same scale, every target, loss and g
 natural one times a constant, to which Adam is invariant: the algorithm is the same as with natural
 rewards and critics whose outputs are multiplied by 1000.
 """
-
-
-class SacOptions(msgspec.Struct, frozen=True):
-    """Settings of soft actor-critic, by the paper's names.
-
-    Attributes:
-        entropy: initial entropy coefficient, at the natural scale of rewards.
-        target_entropy: entropy to which the coefficient adapts, of an action in
-            [-1, 1]^channels. [nat]
-        hold: number of steps for which one action stays; only written into policies.
-        amplitude: largest |z| of the policy. [sigma]
-        hidden: widths of the hidden layers of actor and critics.
-        channels: number of channels of the noise, each a component of an action.
-    """
-
-    learning_rate: float
-    batch_size: int
-    buffer_size: int
-    tau: float
-    gamma: float
-    hidden: tuple[int, ...]
-    entropy: float
-    target_entropy: float
-    amplitude: float
-    hold: int
-    seed: int
-    channels: int
-
-    @property
-    def states(self) -> int:
-        """Number of components of a state."""
-        return count_state(self.channels)
 
 
 Width = Annotated[int, msgspec.Meta(ge=1, le=4096)]
@@ -228,12 +195,13 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         """Return the grouping of steps and decisions."""
         return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)
 
-    def options(self, channels: int, seed: int) -> SacOptions:
-        """Return the options of the trainer, for which `n_step` decisions are one.
+    def check_entropy(self, channels: int) -> None:
+        """Check that an action of so many components can have the target entropy.
 
         Raises:
-            InvalidValue: no action of so few components has the target entropy.
+            InvalidValue: it cannot.
         """
+        # Actions lie in [-1, 1]: the uniform distribution over an axis has ln 2, and none has more.
         most = channels * log(2.0)
         if self.target_entropy >= most:
             raise InvalidValue(
@@ -242,17 +210,3 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
                 f"channel, {most:.2f} in all.",
                 "Ask for less.",
             )
-        return SacOptions(
-            learning_rate=self.learning_rate,
-            batch_size=self.batch_size,
-            buffer_size=self.buffer_size,
-            tau=self.tau,
-            gamma=self.gamma**self.n_step,
-            hidden=self.hidden,
-            entropy=self.entropy,
-            target_entropy=self.target_entropy,
-            amplitude=self.amplitude,
-            hold=self.hold,
-            seed=seed,
-            channels=channels,
-        )
