@@ -20,14 +20,15 @@ from eigenfail.values.learning import (
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.attempts import WINDOW, Attempt, Count, RestartRule
 from eigenfail_services.methods.ast.averaging import PolicyAverage
-from eigenfail_services.methods.ast.decisions import AmplitudeSchedule, is_usable, make_decisions
-from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
-from eigenfail_services.methods.ast.reward import (
+from eigenfail_services.methods.ast.decisions import (
     DissimilarityReward,
     MahalanobisReward,
     PaperReward,
     Reward,
+    is_usable,
+    make_decisions,
 )
+from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
 from eigenfail_services.methods.ast.settings import AstSettings
 from eigenfail_services.methods.ast.trainer import Trainer
 from eigenfail_services.statistics.importance import WeightedFailures
@@ -155,9 +156,7 @@ class AdaptiveStressTesting:
         self._trainer = self._make_trainer(Attempt())
         self._average = PolicyAverage(settings.averaged)
         self._warm_up = min(settings.warm_up, context.episodes // 4)
-        first = settings.first_amplitude or settings.amplitude
-        self._amplitudes = AmplitudeSchedule(first, settings.amplitude, context.episodes)
-        self._facts = AstFacts(amplitude=first)
+        self._facts = AstFacts(amplitude=settings.amplitude)
         self._restarts = RestartRule(
             settings.patience, settings.amplitude, settings.largest_amplitude, context.episodes
         )
@@ -175,7 +174,7 @@ class AdaptiveStressTesting:
         """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
         # Before the policy is made: workers keep a version as they first got it.
-        facts = facts.with_amplitude(self._get_amplitude(facts.proposed))
+        facts = facts.with_amplitude(self._get_amplitude())
         self._facts = structs.replace(facts, proposed=facts.proposed + count)
         policy = self._make_policy(facts)
         # Noted now: by the time of its results, the policy has been trained further.
@@ -192,11 +191,11 @@ class AdaptiveStressTesting:
 
     def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
         """Return a lower bound of the failure probability; None without episodes."""
-        return self._probability.estimate_from_sums(sums, horizon, self._get_last_amplitude())
+        return self._probability.estimate_from_sums(sums, horizon, self._get_amplitude())
 
     def estimate(self) -> Estimate | None:
         """Return the estimate over the second half of the budget; None where hold > 1."""
-        reach = self._get_last_amplitude()
+        reach = self._get_amplitude()
         return self._probability.estimate(self._facts.observed, self._horizon, reach)
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
@@ -215,7 +214,7 @@ class AdaptiveStressTesting:
         self._probability.end(first, results)
         # A round that was proposed before a restart has the old amplitude, and is not learnt from.
         if not self._facts.converged and first >= self._facts.attempt.first:
-            self._add_to_buffer([result for result in results if is_usable(result)], first)
+            self._add_to_buffer([result for result in results if is_usable(result)])
             # Before training: the policy that has converged is kept, without another step.
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
@@ -252,16 +251,12 @@ class AdaptiveStressTesting:
     def _make_trainer(self, attempt: Attempt) -> Trainer:
         return Trainer(self._settings, self._channels, attempt.derive_seed(self._seed))
 
-    def _get_amplitude(self, episode: int) -> float:
-        """Return the amplitude of the round of the present attempt that begins with an episode."""
-        return self._amplitudes.get_amplitude(episode) * self._facts.attempt.widening
-
-    def _get_last_amplitude(self) -> float:
-        """Return the amplitude at which the present attempt ends. [sigma]"""
-        return self._amplitudes.last * self._facts.attempt.widening
+    def _get_amplitude(self) -> float:
+        """Return the amplitude of the present attempt. [sigma]"""
+        return self._settings.amplitude * self._facts.attempt.widening
 
     def _make_final_policy(self) -> Policy:
-        facts = self._facts.with_amplitude(self._get_last_amplitude())
+        facts = self._facts.with_amplitude(self._get_amplitude())
         return self._average.apply(self._make_policy(facts))
 
     def _make_policy(self, facts: AstFacts) -> Policy:
@@ -269,10 +264,10 @@ class AdaptiveStressTesting:
         actor = self._trainer.policy(facts.version)
         return structs.replace(actor, amplitude=facts.amplitude)
 
-    def _add_to_buffer(self, results: Sequence[EpisodeResult], first: int) -> None:
-        """Add a round to the replay buffer; `first` is the number of its first episode."""
+    def _add_to_buffer(self, results: Sequence[EpisodeResult]) -> None:
+        """Add a round to the replay buffer."""
         facts, fresh = self._facts, self._facts.fresh
-        process, amplitude = self._settings.process(), self._get_amplitude(first)
+        process, amplitude = self._settings.process(), self._get_amplitude()
         for result in results:
             found = make_decisions(result, self._reward, process, amplitude)
             self._trainer.add(found)
@@ -287,10 +282,9 @@ class AdaptiveStressTesting:
         )
 
     def _has_converged(self) -> bool:
-        """Whether enough of the last episodes failed, all of them at the last amplitude."""
+        """Whether enough of the last episodes failed."""
         share, facts = self._settings.converged_share, self._facts
-        is_final = self._amplitudes.is_final(facts.observed - WINDOW)
-        if share is None or not is_final or len(facts.recent) < WINDOW:
+        if share is None or len(facts.recent) < WINDOW:
             return False
         return sum(facts.recent) >= share * WINDOW
 

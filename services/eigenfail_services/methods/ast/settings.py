@@ -42,8 +42,6 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     - `gradient_steps`: over twelve seeds of `cut_in` one step for each decision gave about as many
       failures among 1000 as two steps, and likelier ones.
     - `converged_share`: ending the training at less leaves a policy that fails less often.
-    - `first_amplitude`: none; an amplitude that shrinks fails more often in training, and less in
-      other scenarios.
     - `averaged`: the last version may have lost a corner of the scenario that earlier ones had. The
       default is 1, as a training that ends with 100 failures in a row has lost nothing where it was
       trained.
@@ -110,12 +108,6 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     amplitude: Annotated[
         float, msgspec.Meta(gt=0.0, le=10.0, description="largest |z| of the policy [sigma]")
     ] = 2.0
-    first_amplitude: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] | None,
-        msgspec.Meta(
-            description="largest |z| at the start; `amplitude` after half of the episodes"
-        ),
-    ] = None
     round_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="episodes between two policy versions")
     ] = 10
@@ -174,9 +166,8 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     def reach(self) -> str:
         """Return the largest noise that a policy can choose, and how to go beyond it."""
-        largest = max(self.amplitude, self.first_amplitude or 0.0)
         held = f", held for {self.hold} steps" if self.hold > 1 else ""
-        most = f"{largest:g} sigma{held}{self._describe_widening()}"
+        most = f"{self.amplitude:g} sigma{held}{self._describe_widening()}"
         return (
             f"The method explores disturbances of at most {most}; failures beyond are out of its "
             "reach. Raise `amplitude`, or run cem, difs or subset."
