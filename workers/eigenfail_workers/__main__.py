@@ -15,13 +15,7 @@ from eigenfail.files import read_private
 from eigenfail.processes import PARENT_VARIABLE, die_with_parent
 from eigenfail.values.access import redact
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE, WorkerKey, read_worker_key
-from eigenfail_workers.limits import (
-    CPU_OPTION,
-    MEMORY_OPTION,
-    OUTPUT_OPTION,
-    read_episode_limit,
-    read_limits,
-)
+from eigenfail_workers.limits import CPU, MEMORY, OUTPUT, read_episode_limit, read_limits
 from eigenfail_workers.worker.parent import Parent
 
 KEY_FIELD = "--key-file"
@@ -68,9 +62,9 @@ def serve() -> None:
         default=os.environ.get(WORKER_KEY_VARIABLE),
         help="key for a hub that requires keys",
     )
-    parser.add_argument(MEMORY_OPTION, help="memory of simulator and planner [MiB]")
-    parser.add_argument(CPU_OPTION, help="processor time of both for an episode [s]")
-    parser.add_argument(OUTPUT_OPTION, help="printed output passed on for an episode [KiB]")
+    parser.add_argument(MEMORY.option, help="memory of simulator and planner [MiB]")
+    parser.add_argument(CPU.option, help="processor time of both for an episode [s]")
+    parser.add_argument(OUTPUT.option, help="printed output passed on for an episode [KiB]")
     parser.add_argument(
         ADDRESS_OPTION,
         default=os.environ.get(ADDRESS_VARIABLE),

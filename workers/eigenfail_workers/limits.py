@@ -13,34 +13,9 @@ from eigenfail.bridges import EPISODE_OPTION, EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
 
 EPISODE_S = 60.0
-
-
-MEMORY_VARIABLE = "EIGENFAIL_MEMORY_LIMIT_MIB"
-
-
-MEMORY_OPTION = "--memory-limit"
-
-
 MEMORY_MIB = 4096.0
-
-
-CPU_VARIABLE = "EIGENFAIL_CPU_LIMIT_S"
-
-
-CPU_OPTION = "--cpu-limit"
-
-
-OUTPUT_VARIABLE = "EIGENFAIL_OUTPUT_LIMIT_KIB"
-
-
-OUTPUT_OPTION = "--output-limit"
-
-
 OUTPUT_KIB = 64.0
-
-
 PROCESSORS = 4.0
-
 
 RENEWAL = os.EX_TEMPFAIL
 """Exit status of a child process that asks for a fresh process to run the remaining episodes."""
@@ -93,16 +68,10 @@ class LimitOption(msgspec.Struct, frozen=True):
 
 
 EPISODE = LimitOption(EPISODE_OPTION, EPISODE_VARIABLE, "seconds", 1.0, "and 10 s")
-
-
 # Simulator, planner and numpy take 150 MiB, and a few seconds, before the first episode begins.
-MEMORY = LimitOption(MEMORY_OPTION, MEMORY_VARIABLE, "MiB", 256.0, "and 200 MiB")
-
-
-CPU = LimitOption(CPU_OPTION, CPU_VARIABLE, "seconds", 10.0, "and 5 s")
-
-
-OUTPUT = LimitOption(OUTPUT_OPTION, OUTPUT_VARIABLE, "KiB", 1.0, "and 1 KiB")
+MEMORY = LimitOption("--memory-limit", "EIGENFAIL_MEMORY_LIMIT_MIB", "MiB", 256.0, "and 200 MiB")
+CPU = LimitOption("--cpu-limit", "EIGENFAIL_CPU_LIMIT_S", "seconds", 10.0, "and 5 s")
+OUTPUT = LimitOption("--output-limit", "EIGENFAIL_OUTPUT_LIMIT_KIB", "KiB", 1.0, "and 1 KiB")
 
 
 class Limits(msgspec.Struct, frozen=True):
