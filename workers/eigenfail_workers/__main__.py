@@ -15,7 +15,7 @@ from eigenfail.files import read_private
 from eigenfail.processes import PARENT_VARIABLE, die_with_parent
 from eigenfail.values.access import redact
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE, WorkerKey, read_worker_key
-from eigenfail_workers.limits import CPU, MEMORY, OUTPUT, read_episode_limit, read_limits
+from eigenfail_workers.limits import CPU, MEMORY, OUTPUT, read_limits
 from eigenfail_workers.worker.parent import Parent
 
 KEY_FIELD = "--key-file"
@@ -73,11 +73,14 @@ def serve() -> None:
     arguments = parser.parse_args()
     if arguments.bridge:
         os.environ[ADDRESS_VARIABLE] = check_address(arguments.bridge)
-    key, episode_s = read_key(arguments.key_file), read_episode_limit(arguments.episode_limit)
+    key = read_key(arguments.key_file)
     limits = read_limits(
-        arguments.memory_limit, arguments.cpu_limit, episode_s, arguments.output_limit
+        arguments.memory_limit,
+        arguments.cpu_limit,
+        arguments.episode_limit,
+        arguments.output_limit,
     )
-    parent = Parent(arguments.connect, arguments.name, episode_s, key, limits)
+    parent = Parent(arguments.connect, arguments.name, key, limits)
 
     def shut_down(_signal: int, _frame: FrameType | None) -> None:
         parent.shut_down()

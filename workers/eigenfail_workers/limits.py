@@ -108,7 +108,7 @@ def read_episode_limit(given: str | None = None) -> float:
 def read_limits(
     memory_limit: str | None = None,
     cpu_limit: str | None = None,
-    episode_limit_s: float = EPISODE_S,
+    episode_limit: str | None = None,
     output_limit: str | None = None,
 ) -> Limits:
     """Return the limits of a child process, from options and environment.
@@ -116,18 +116,20 @@ def read_limits(
     Args:
         memory_limit: option for memory [MiB], if it was given.
         cpu_limit: option for processor time [s], if it was given.
-        episode_limit_s: wall time of an episode; the default of processor time is a multiple of it.
+        episode_limit: option for the wall time of an episode [s], if it was given; the default of
+            processor time is a multiple of it.
         output_limit: option for output [KiB], if it was given.
 
     Raises:
         InvalidValue: a value is not a number, or is less than a child process needs by itself.
     """
-    cpu_s = CPU.read(cpu_limit, PROCESSORS * episode_limit_s)
+    episode_s = read_episode_limit(episode_limit)
+    cpu_s = CPU.read(cpu_limit, PROCESSORS * episode_s)
     return Limits(
         memory_mib=MEMORY.read(memory_limit, MEMORY_MIB),
         cpu_s=cpu_s,
-        processors=max(1.0, cpu_s / episode_limit_s),
-        episode_s=episode_limit_s,
+        processors=max(1.0, cpu_s / episode_s),
+        episode_s=episode_s,
         output_kib=OUTPUT.read(output_limit, OUTPUT_KIB),
     )
 

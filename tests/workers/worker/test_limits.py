@@ -63,13 +63,14 @@ def test_the_limit_of_memory_is_read(monkeypatch, written, memory_mib) -> None:
 
 def test_processor_time_goes_by_the_wall_time_of_an_episode(monkeypatch) -> None:
     monkeypatch.delenv(CPU.variable, raising=False)
+    monkeypatch.delenv(EPISODE_VARIABLE, raising=False)
     for episode_s, written, told in (
-        (60.0, None, (240.0, 4.0)),
-        (600.0, None, (2400.0, 4.0)),
-        (60.0, "120", (120.0, 2.0)),
-        (60.0, "10", (10.0, 1.0)),
+        (None, None, (240.0, 4.0)),
+        ("600", None, (2400.0, 4.0)),
+        ("60", "120", (120.0, 2.0)),
+        ("60", "10", (10.0, 1.0)),
     ):
-        limits = read_limits(cpu_limit=written, episode_limit_s=episode_s)
+        limits = read_limits(cpu_limit=written, episode_limit=episode_s)
         assert (limits.cpu_s, limits.processors) == told
     assert read_limits() == Limits()
     monkeypatch.setenv(CPU.variable, "99")
