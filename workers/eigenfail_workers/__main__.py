@@ -55,6 +55,7 @@ def serve() -> None:
     """
     parser = Parser(prog="eigenfail worker", description=__doc__)
     parser.add_argument("--connect", required=True, help="address of the hub, tcp://host:port")
+    # Unique on a machine, so that a log tells workers apart that were given no name.
     parser.add_argument("--name", default=f"{platform.node()}-{os.getpid()}")
     parser.add_argument(EPISODE_OPTION, help="wall time of an episode [s]")
     parser.add_argument(
@@ -72,6 +73,7 @@ def serve() -> None:
     )
     arguments = parser.parse_args()
     if arguments.bridge:
+        # Child processes read it from the environment.
         os.environ[ADDRESS_VARIABLE] = check_address(arguments.bridge)
     key = read_key(arguments.key_file)
     limits = read_limits(

@@ -123,6 +123,7 @@ class Minimal:
             for result in results:
                 _refuse_safe_replay(result)
         self._ends += tuple(map(_find_end, results))
+        # Only then: which blocks are removed together depends on all candidates of a phase.
         if len(self._ends) == len(list_candidates(self._search)):
             self._search, self._ends = advance(self._search, self._ends), ()
 

@@ -375,6 +375,7 @@ class AdaptiveStressTesting:
         """Take the gradient steps for the fresh decisions."""
         facts = self._facts
         kept = facts.kept - facts.attempt.kept_before
+        # Counted from the attempt: a restart begins with an empty buffer and warms up again.
         if facts.fresh and not facts.converged and kept >= self._warm_up:
             trainings = facts.trainings + 1
             self._trainer.train(facts.fresh * self._settings.gradient_steps, draw=trainings)

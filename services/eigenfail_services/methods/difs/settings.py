@@ -187,6 +187,7 @@ class TrialMemory:
     def add(self, results: Sequence[EpisodeResult]) -> None:
         """Add completed episodes."""
         for result in results:
+            # Without measures there is no robustness to sort by.
             if result.outcome is not Outcome.ERRORED and result.measures is not None:
                 steps = len(result.noise.z)
                 padded = np.zeros((1, *self.z.shape[1:]), np.float32)
