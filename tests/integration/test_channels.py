@@ -6,7 +6,7 @@ import httpx2
 import numpy as np
 import pytest
 from pyarrow import parquet
-from short_searches import select_installed, wait_until_done
+from short_searches import wait_until_done
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
@@ -24,7 +24,7 @@ FUNCTION = {
     "planner": "eigenfail_planes:far",
     "seed": 11,
 }
-KNOWN = {
+SEARCHES = {
     "monte_carlo": (400, {}),
     "held": (200, {}),
     "cem": (200, {}),
@@ -35,7 +35,6 @@ KNOWN = {
     "subset": (1_000, {}),
     "mixture": (1_000, {}),
 }
-SEARCHES = select_installed(KNOWN)
 
 
 def create(client, channels, method, episodes, settings, **fields):

@@ -1,9 +1,10 @@
 """The method `chains`, on problems whose failures are known."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
-from problems import HalfSpace, TwoModes
-from problems import steady as steady_noise
 
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.settings import read_settings
@@ -27,6 +28,11 @@ from eigenfail_searches.chains.projections import (
 from eigenfail_searches.chains.sampler import MoveKind
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.functions import FunctionEngine
+
+sys.path.append(str(Path(__file__).parents[3] / "tests" / "services" / "methods" / "toys"))
+
+from problems import HalfSpace, TwoModes
+from problems import steady as steady_noise
 
 CORRIDOR = Corridor(steps=20, wall=0.55)
 

@@ -15,17 +15,11 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.annealing import SimulatedAnnealing
 from eigenfail_searches.chains.method import FailureChains
-from eigenfail_searches.cma import CovarianceAdaptation
 from eigenfail_searches.go_explore import GoExplore
 from eigenfail_searches.optuna_search import OptunaSearch
 from eigenfail_services.campaigns.validation import check_spec
 
-METHODS = {
-    "annealing": SimulatedAnnealing,
-    "cma": CovarianceAdaptation,
-    "go_explore": GoExplore,
-    "optuna": OptunaSearch,
-}
+METHODS = {"annealing": SimulatedAnnealing, "go_explore": GoExplore, "optuna": OptunaSearch}
 VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
 """Parameters of `cut_in` that are drawn for each episode."""
 
@@ -33,11 +27,6 @@ VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12
 class TestSimulatedAnnealing(LearnerSuite):
     method = SimulatedAnnealing
     settings = MappingProxyType({"hold": 7, "runs": 4, "restart": 5})
-
-
-class TestCovarianceAdaptation(LearnerSuite):
-    method = CovarianceAdaptation
-    settings = MappingProxyType({"hold": 7, "runs": 2, "population": 5})
 
 
 class TestGoExplore(LearnerSuite):
@@ -103,12 +92,12 @@ def test_no_method_has_the_place_of_another_in_charts():
 
 
 @pytest.mark.parametrize("name", ODD)
-@pytest.mark.parametrize("method", ["annealing", "cma", "optuna"])
+@pytest.mark.parametrize("method", ["annealing", "optuna"])
 def test_it_ends_in_order_on_problems_with_nothing_to_learn(method, name):
     check_end(method, {"hold": 2}, name)
 
 
-@pytest.mark.parametrize("method", ["annealing", "cma", "optuna"])
+@pytest.mark.parametrize("method", ["annealing", "optuna"])
 def test_episodes_that_cannot_be_run_do_not_stop_it(method):
     check_broken_episodes(method, {"hold": 2})
 

@@ -31,7 +31,7 @@ def test_the_horizon_is_the_scenarios():
     assert resolve_campaign(GOOD).horizon == 100
 
 
-@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "replay", "subset"])
+@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "cma", "replay", "subset"])
 def test_every_method_is_known_with_its_defaults(method):
     assert check_spec(but(method=method, episodes=500)).method.name == method
 

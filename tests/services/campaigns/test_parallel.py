@@ -185,7 +185,7 @@ def test_a_rule_on_results_keeps_two_rounds_open() -> None:
     assert len(rounds.open()) == 2
 
 
-@pytest.mark.parametrize("method", ["cem", "difs", "mixture", "splitting"])
+@pytest.mark.parametrize("method", ["cem", "cma", "difs", "mixture", "splitting"])
 def test_methods_that_decide_themselves_refuse_it(method) -> None:
     assert not describe_method(method).traits.tolerates_delay
     given = make_spec(

@@ -8,6 +8,7 @@ from eigenfail.testing.learner import LearnerSuite
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
+from eigenfail_services.methods.cma import CovarianceAdaptation
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.held import HeldNoise
 from eigenfail_services.methods.minimal import Minimal
@@ -32,6 +33,11 @@ class TestMonteCarlo(LearnerSuite):
 class TestHeldNoise(LearnerSuite):
     method = HeldNoise
     settings = MappingProxyType({"hold": 3, "round_size": 6})
+
+
+class TestCovarianceAdaptation(LearnerSuite):
+    method = CovarianceAdaptation
+    settings = MappingProxyType({"hold": 7, "runs": 2, "population": 5})
 
 
 class TestSubsetSimulation(LearnerSuite):

@@ -1,7 +1,12 @@
 """Whole campaigns on toy problems, in this process."""
 
+import sys
+from pathlib import Path
+
 import pytest
 from odd_problems import run_search
+
+sys.path.append(str(Path(__file__).parent))
 
 
 @pytest.fixture

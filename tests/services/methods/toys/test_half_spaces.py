@@ -55,6 +55,20 @@ def test_cem_fails_in_a_third_of_its_episodes_where_monte_carlo_never_would(
     assert cosine(learner.proposal.mean, problem.direction) >= 0.65
 
 
+@pytest.mark.parametrize("direction", [steady, turning])
+@pytest.mark.parametrize("probability", PROBABILITIES)
+def test_cma_fails_in_half_of_its_episodes_and_comes_near_the_likeliest_failure(
+    probability, direction, search
+):
+    problem = HalfSpace(probability, direction(20))
+    _, results = search(problem, "cma", 1000, hold=5)
+    assert failure_rate(results) >= 0.5
+    noise = [result.noise.z for result in failures(results)]
+    likeliest = min(noise, key=np.linalg.norm)
+    assert np.linalg.norm(likeliest) <= 1.25 * problem.beta
+    assert cosine(likeliest, problem.direction) >= 0.85
+
+
 @pytest.mark.parametrize("probability", PROBABILITIES[1:])
 def test_with_larger_rounds_cem_points_along_the_likeliest_failure(probability, search):
     problem = HalfSpace(probability, turning(20))

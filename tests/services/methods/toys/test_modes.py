@@ -12,11 +12,13 @@ SMALL_AST = {
 }
 ON_CORNERS = {
     "ast": (200, {**SMALL_AST, "hold": 1, "amplitude": 4.0}),
+    "cma": (400, {}),
     "cem": (400, {"max_mean": 4.0}),
     "subset": (4000, {}),
 }
 IN_CORRIDOR = {
     "ast": (100, {**SMALL_AST, "hold": 4}),
+    "cma": (400, {"hold": 4}),
     "cem": (400, {}),
     "difs": (300, {"first_steps": 500, "steps": 200, "width": 32}),
     "subset": (2000, {}),
@@ -58,6 +60,18 @@ def test_difs_sees_both_corners(search):
     _, results = search(TwoModes(), "difs", 300, 3032, first_steps=500, steps=200)
     assert failure_rate(results) >= 30_000 * TwoModes.probability
     assert 0.2 < sides(results) < 0.8
+
+
+def test_the_runs_of_cma_reach_both_corners_and_get_near_the_likeliest_failures(search):
+    both = 0
+    for seed in range(3040, 3044):
+        _, results = search(TwoModes(), "cma", 1000, seed)
+        assert failure_rate(results) >= 0.3
+        both += 0.05 < sides(results) < 0.95
+        found = np.array([one.noise.z[0] for one in results if one.is_failure])
+        nearest = [np.linalg.norm(found - corner, axis=1).min() for corner in TwoModes.corners]
+        assert min(nearest) < 0.2
+    assert both >= 3
 
 
 def test_the_corridor_is_as_rare_as_its_bounds_say():

@@ -7,6 +7,7 @@ QUICK = {
     "monte_carlo": {},
     "ast": {"hold": 2, "hidden": (8,), "batch_size": 8, "warm_up": 10, "gradient_steps": 1},
     "cem": {"batch": 10},
+    "cma": {"hold": 2},
     "difs": {"first_steps": 20, "steps": 10, "width": 8, "round_size": 20},
     "subset": {"samples": 20, "runs": 1, "most_levels": 4},
 }

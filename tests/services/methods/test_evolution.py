@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail_searches.evolution import choose_rates, start_search
+from eigenfail_services.methods.evolution import choose_rates, start_search
 
 
 def ellipsoid(n, condition):

@@ -9,13 +9,13 @@ from eigenfail.settings import read_settings
 from eigenfail.testing.learner import ToyEngine
 from eigenfail.values.episode import EpisodeTask, TrajectorySource, episode_seed
 from eigenfail.values.learning import LearnerContext
-from eigenfail_searches.cma import (
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods.cma import (
     CovarianceAdaptation,
     Score,
     level_failures,
     score_episode,
 )
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.functions import FunctionEngine
 
 

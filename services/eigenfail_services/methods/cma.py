@@ -12,13 +12,13 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_searches.evolution import (
+from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.methods.evolution import (
     Array,
     SearchDistribution,
     choose_rates,
     start_search,
 )
-from eigenfail_services.methods import archive, robustness_m
 
 MAX_COVARIANCE_NUMBERS = 1_000_000
 """Most numbers of the covariance matrices of all runs, which are part of each checkpoint."""
