@@ -17,8 +17,6 @@ from figures import ROOT, Figure
 
 from eigenfail.processes import NUMERIC_ENVIRONMENT
 
-sys.path.append(str(ROOT / "tests" / "support"))
-
 COMMAND = "make bench"
 BATCH_SIZES = (16, 64, 256)
 CHOSEN = 16
@@ -36,11 +34,8 @@ def measure() -> dict[int, list[float]]:
 def ratio(batch_size: int) -> float:
     """Steps per second on one thread ÷ those of stable-baselines3 on as many as suit it."""
     import torch
-    from reference_sac import ReferenceTrainer
 
-    from eigenfail_services.methods.ast.trainer import Trainer
-
-    fast, reference = (trainer(kind, batch_size) for kind in (Trainer, ReferenceTrainer))
+    fast, reference = (trainer(name, batch_size) for name in ("fast", "sb3"))
     rates = []
     for threads in THREADS:
         torch.set_num_threads(threads)
@@ -48,15 +43,16 @@ def ratio(batch_size: int) -> float:
     return rate(fast) / max(rates)
 
 
-def trainer(kind: type, batch_size: int) -> Any:
+def trainer(name: str, batch_size: int) -> Any:
     """A trainer with the paper's settings and a memory to draw from."""
     from eigenfail.values.disturbance import AXES
     from eigenfail.values.learning import STATE
     from eigenfail_services.methods.ast.decisions import Decisions
-    from eigenfail_services.methods.ast.settings import AstSettings
+    from eigenfail_services.methods.ast.settings import AstSettings, make_trainer
 
     papers = AstSettings(alpha=5000.0, c_dist=1000.0, tau=0.001, learning_rate=3e-4)
-    made = kind(msgspec.structs.replace(papers, batch_size=batch_size), len(AXES), 1)
+    settings = msgspec.structs.replace(papers, batch_size=batch_size, trainer=name)
+    made = make_trainer(settings, len(AXES), seed=1)
     random = np.random.default_rng(1)
     states = random.standard_normal((KEPT + 1, len(STATE)), np.float32)
     made.add(

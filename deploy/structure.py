@@ -101,6 +101,8 @@ PUBLIC = [
     "r_hat",
     "simulation_s",
     # Imported by name, or by position.
+    "FastTrainer",
+    "SacTrainer",
     "to_html",
     "env",
 ]
@@ -113,8 +115,10 @@ NAMES_FOR_FRAMEWORKS = [
     "_repr_html_",
     "handleError",
     "msg",
-    # prometheus_client
+    # prometheus_client, gymnasium
     "collect",
+    "observation_space",
+    "action_space",
     # SQLAlchemy, sqlite3, Starlette
     "impl",
     "cache_ok",

@@ -2,11 +2,11 @@
 
 import numpy as np
 import torch
-from reference_sac import ReferenceTrainer
 
 from eigenfail.values.learning import STATE
 from eigenfail_services.methods.ast.settings import AstSettings
-from eigenfail_services.methods.ast.trainer import Trainer
+from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
+from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
 from eigenfail_workers.noise.policy import act, copy_policy, validate_policy
 
 SEED = 7
@@ -28,11 +28,11 @@ SETTINGS = AstSettings(
 
 
 def trainer():
-    made = ReferenceTrainer(SETTINGS, 2, SEED)
+    made = SacTrainer(SETTINGS, 2, SEED)
     # Far from the tame start: saturated actions and clamped deviations shall agree too.
     with torch.no_grad():
-        made.model.actor.mu.weight.mul_(10.0)
-        made.model.actor.log_std.weight.mul_(40.0)
+        made._model.actor.mu.weight.mul_(10.0)
+        made._model.actor.log_std.weight.mul_(40.0)
     return made
 
 
@@ -44,7 +44,7 @@ def test_numpy_and_torch_choose_the_same_noise():
     states = random.normal(size=(500, len(STATE))).astype(np.float32) * 2.0
     eps = random.standard_normal((500, 2), np.float32)
     with torch.no_grad():
-        mean, log_std, _ = made.model.actor.get_action_dist_params(torch.from_numpy(states))
+        mean, log_std, _ = made._model.actor.get_action_dist_params(torch.from_numpy(states))
         expected = 2.5 * torch.tanh(mean + torch.exp(log_std) * torch.from_numpy(eps))
     chosen = np.array([act(policy, s, e) for s, e in zip(states, eps, strict=True)])
     assert {-20.0, 2.0} <= set(log_std.flatten().tolist())
@@ -53,7 +53,7 @@ def test_numpy_and_torch_choose_the_same_noise():
 
 
 def test_the_trainer_means_the_policy_that_it_exports():
-    made = Trainer(SETTINGS, 2, SEED)
+    made = FastTrainer(SETTINGS, 2, SEED)
     made.actor.weights *= 8.0
     policy = copy_policy(made.policy(version=0))
     validate_policy(policy)
@@ -70,5 +70,5 @@ def test_an_exported_policy_stays_as_it_was_when_training_goes_on():
     policy = made.policy(version=0)
     before = policy.mean.weight.copy()
     with torch.no_grad():
-        made.model.actor.mu.weight.add_(1.0)
+        made._model.actor.mu.weight.add_(1.0)
     np.testing.assert_array_equal(policy.mean.weight, before)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 
-from eigenfail.errors import InvalidValue, ProtocolError
+from eigenfail.errors import InvalidValue, LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values.episode import PolicySource
@@ -101,6 +102,18 @@ def test_failed_episodes_never_enter_the_buffer():
     assert learner.trained_episodes == 0
     for name, array in learner._trainer.arrays().items():
         np.testing.assert_array_equal(array, before[name])
+
+
+@pytest.mark.parametrize("network", ["actor", "critic"])
+def test_a_weight_that_becomes_nan_ends_the_learner_with_a_remedy(network):
+    learner = ast(round_size=4, warm_up=0, gradient_steps=1, trainer="sb3")
+    results = list(run_in_process(Rounds(ast(round_size=4), 0, 4), ToyEngine(CORRIDOR)))
+    learner.observe(results)
+    weights = getattr(learner._trainer._model, network).parameters()
+    with torch.no_grad():
+        next(weights).fill_(float("nan"))
+    with pytest.raises(LearnerDiverged, match=r"diverged.*Lower learning_rate"):
+        learner.observe(results)
 
 
 def test_a_state_of_other_networks_is_refused():

@@ -1,16 +1,16 @@
-"""The trainer is stable-baselines3's soft actor-critic: same weights in, same out."""
+"""The fast trainer is stable-baselines3's soft actor-critic: same weights in, same out."""
 
 import msgspec
 import numpy as np
 import pytest
 import torch
-from reference_sac import ReferenceTrainer
 
 from eigenfail.errors import LearnerDiverged
 from eigenfail.values.learning import count_state
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.settings import AstSettings
-from eigenfail_services.methods.ast.trainer import Trainer
+from eigenfail_services.methods.ast.settings import TRAINERS, AstSettings, make_trainer
+from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
+from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
 
 BATCH = 16
 SEED, OTHER_SEED = 3, 4
@@ -28,6 +28,10 @@ SETTINGS = AstSettings(
     hold=5,
     n_step=1,
 )
+
+
+def of(name):
+    return msgspec.structs.replace(SETTINGS, trainer=name)
 
 
 def transitions(count, seed=0, channels=2):
@@ -53,7 +57,7 @@ class Rows:
 
 def copy_weights(sac, fast):
     """Set the fast trainer's networks to those of SB3's model."""
-    model = sac.model
+    model = sac._model
     trunk = [layer for layer in model.actor.latent_pi if isinstance(layer, torch.nn.Linear)]
     for layer, (weight, bias) in zip(trunk, fast.actor.layers, strict=False):
         weight[...], bias[...] = layer.weight.detach(), layer.bias.detach()
@@ -70,7 +74,7 @@ def copy_weights(sac, fast):
 
 @pytest.mark.parametrize("channels", [1, 2, 5])
 def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
-    sac, fast = ReferenceTrainer(SETTINGS, channels, SEED), Trainer(SETTINGS, channels, SEED)
+    sac, fast = SacTrainer(SETTINGS, channels, SEED), FastTrainer(SETTINGS, channels, SEED)
     copy_weights(sac, fast)
     sac.add(transitions(150, channels=channels))
     fast.add(transitions(150, channels=channels))
@@ -81,23 +85,24 @@ def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
     monkeypatch.setattr(
         torch.distributions.normal, "_standard_normal", lambda *_args, **_kwargs: next(draws)
     )
-    sac.buffer.generator = Rows(rows)
-    sac.model.train(gradient_steps=40, batch_size=BATCH)
+    sac._buffer.generator = Rows(rows)
+    sac._model.train(gradient_steps=40, batch_size=BATCH)
     for i in range(40):
         fast.step(fast.memory.select_rows(rows[i]), eps[i, 0], eps[i, 1])
-    mirror = Trainer(SETTINGS, channels, SEED)
+    mirror = FastTrainer(SETTINGS, channels, SEED)
     copy_weights(sac, mirror)
-    started = Trainer(SETTINGS, channels, SEED)
-    copy_weights(ReferenceTrainer(SETTINGS, channels, SEED), started)
+    started = FastTrainer(SETTINGS, channels, SEED)
+    copy_weights(SacTrainer(SETTINGS, channels, SEED), started)
     for name in ("actor", "critics", "targets"):
         ours, theirs = getattr(fast, name).weights, getattr(mirror, name).weights
         assert np.abs(theirs - getattr(started, name).weights).max() > 1e-3, "nothing was learnt"
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=2e-5)
-    assert fast.entropy[0] == pytest.approx(float(sac.model.log_ent_coef.detach()), abs=1e-6)
+    assert fast.entropy[0] == pytest.approx(float(sac._model.log_ent_coef.detach()), abs=1e-6)
 
 
-def test_a_restored_trainer_goes_on_bit_for_bit():
-    first, second = Trainer(SETTINGS, 2, SEED), Trainer(SETTINGS, 2, SEED)
+@pytest.mark.parametrize("name", TRAINERS)
+def test_a_restored_trainer_goes_on_bit_for_bit(name):
+    first, second = make_trainer(of(name), 2, SEED), make_trainer(of(name), 2, SEED)
     first.add(transitions(250))
     first.train(5, draw=1)
     second.add(transitions(7, seed=5))
@@ -110,8 +115,9 @@ def test_a_restored_trainer_goes_on_bit_for_bit():
         np.testing.assert_array_equal(array, second.arrays()[key], err_msg=key)
 
 
-def test_the_oldest_transitions_make_room():
-    trainer = Trainer(SETTINGS, 2, SEED)
+@pytest.mark.parametrize("name", TRAINERS)
+def test_the_oldest_transitions_make_room(name):
+    trainer = make_trainer(of(name), 2, SEED)
     trainer.add(transitions(150))
     trainer.add(transitions(150, seed=1))
     kept = [array for array in trainer.arrays().values() if array.size == 200]
@@ -119,33 +125,36 @@ def test_the_oldest_transitions_make_room():
     assert any(np.allclose(np.sort(array.reshape(-1)), np.sort(rewards) / 1000) for array in kept)
 
 
-def test_the_first_policy_depends_on_the_seed_alone():
+@pytest.mark.parametrize("name", TRAINERS)
+def test_the_first_policy_depends_on_the_seed_alone(name):
     weights = [
-        Trainer(SETTINGS, 2, seed).policy(0).mean.weight for seed in (SEED, SEED, OTHER_SEED)
+        make_trainer(of(name), 2, seed).policy(0).mean.weight for seed in (SEED, SEED, OTHER_SEED)
     ]
     np.testing.assert_array_equal(weights[0], weights[1])
     assert not np.array_equal(weights[0], weights[2])
 
 
 def test_the_trainer_ends_on_a_nan():
-    trainer = Trainer(SETTINGS, 2, SEED)
+    trainer = FastTrainer(SETTINGS, 2, SEED)
     trainer.add(transitions(20))
     trainer.critics.weights[3] = np.nan
     with pytest.raises(LearnerDiverged, match="diverged"):
         trainer.train(1, draw=1)
 
 
-def test_a_trainer_adopts_networks_and_nothing_else():
-    first, second = Trainer(SETTINGS, 2, SEED), Trainer(SETTINGS, 2, OTHER_SEED)
+@pytest.mark.parametrize("name", TRAINERS)
+def test_a_trainer_adopts_networks_and_nothing_else(name):
+    first, second = make_trainer(of(name), 2, SEED), make_trainer(of(name), 2, OTHER_SEED)
     first.add(transitions(60))
     first.train(5, draw=1)
     second.adopt(first.arrays())
     np.testing.assert_array_equal(second.policy(0).mean.weight, first.policy(0).mean.weight)
-    fresh = {key: array.shape for key, array in Trainer(SETTINGS, 2, SEED).arrays().items()}
+    fresh = {key: array.shape for key, array in make_trainer(of(name), 2, SEED).arrays().items()}
     assert {key: array.shape for key, array in second.arrays().items()} == fresh
 
 
-def test_networks_of_another_shape_are_not_adopted():
-    narrow = msgspec.structs.replace(SETTINGS, hidden=(8, 8))
+@pytest.mark.parametrize("name", TRAINERS)
+def test_networks_of_another_shape_are_not_adopted(name):
+    narrow = msgspec.structs.replace(of(name), hidden=(8, 8))
     with pytest.raises(ValueError, match="should have shape"):
-        Trainer(SETTINGS, 2, SEED).adopt(Trainer(narrow, 2, SEED).arrays())
+        make_trainer(of(name), 2, SEED).adopt(make_trainer(narrow, 2, SEED).arrays())

@@ -132,6 +132,7 @@ def test_a_warm_start_begins_with_the_earlier_policy():
     [
         ({"warm_start": 13}, "not at hand"),
         ({"warm_start": 12, "hidden": [8]}, "do not fit.*Use that campaign's `hidden`"),
+        ({"warm_start": 12, "trainer": "sb3"}, "do not fit"),
     ],
 )
 def test_a_warm_start_that_does_not_fit_is_refused(changes, why):

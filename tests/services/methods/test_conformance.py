@@ -110,6 +110,13 @@ class TestAdaptiveStressTestingInParallel(LearnerSuite):
         return LearnerContext(seed, self.budget, corridor.steps, nothing, parallel=8)
 
 
+class TestAdaptiveStressTestingByStableBaselines(LearnerSuite):
+    method = AdaptiveStressTesting
+    settings = MappingProxyType(
+        {"round_size": 4, "warm_up": 4, "buffer_size": 70, "trainer": "sb3", "gradient_steps": 1}
+    )
+
+
 class TestCrossEntropyMethod(LearnerSuite):
     method = CrossEntropyMethod
     settings = MappingProxyType({"batch": 7, "elite_share": 0.3})

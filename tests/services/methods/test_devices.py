@@ -19,7 +19,7 @@ from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.methods.difs import tensors
+from eigenfail_services.methods import tensors
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.store import open_store
 

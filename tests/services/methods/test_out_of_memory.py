@@ -11,7 +11,7 @@ from eigenfail.errors import LearnerDiverged
 from eigenfail.settings import read_settings
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.methods.difs.tensors import wrap_memory_errors
+from eigenfail_services.methods.tensors import wrap_memory_errors
 
 TOLD = "CUDA out of memory. Tried to allocate 2.00 GiB.\nGPU 0 has a total capacity of 79.1 GiB."
 QUICK = {"first_steps": 5, "steps": 5, "device": "cpu", "initial_share": 0.2, "round_size": 20}

@@ -56,7 +56,7 @@ def test_replay_of_nothing_is_refused_with_a_remedy():
         ("ast", "tau", float("nan")),
         ("ast", "hidden", []),
         ("ast", "amplitude", -1),
-        ("ast", "reward", "magic"),
+        ("ast", "trainer", "magic"),
         ("cem", "elite_share", 1.0),
         ("cem", "min_std", 1.5),
         ("cem", "max_std", 0.5),

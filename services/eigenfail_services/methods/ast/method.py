@@ -29,8 +29,7 @@ from eigenfail_services.methods.ast.decisions import (
     make_decisions,
 )
 from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
-from eigenfail_services.methods.ast.settings import AstSettings
-from eigenfail_services.methods.ast.trainer import Trainer
+from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_trainer
 from eigenfail_services.statistics.importance import WeightedFailures
 
 Count = Annotated[int, msgspec.Meta(ge=0)]
@@ -332,7 +331,7 @@ class AdaptiveStressTesting:
         self._trainer, self._average, self._reward, self._facts = trainer, average, reward, facts
 
     def _make_trainer(self, attempt: Attempt) -> Trainer:
-        return Trainer(self._settings, self._channels, attempt.derive_seed(self._seed))
+        return make_trainer(self._settings, self._channels, attempt.derive_seed(self._seed))
 
     def _get_amplitude(self) -> float:
         """Return the amplitude of the present attempt. [sigma]"""

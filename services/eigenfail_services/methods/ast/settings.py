@@ -1,12 +1,15 @@
 """Settings of `ast`, by the paper's names."""
 
 from math import log
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 
 from eigenfail.errors import InvalidValue
-from eigenfail_services.methods.ast.decisions import DecisionProcess
+from eigenfail.plugins import load_class
+from eigenfail.values.learning import Policy
+from eigenfail_services.methods.archive import Arrays
+from eigenfail_services.methods.ast.decisions import DecisionProcess, Decisions
 
 REWARD_SCALE = 1e-3
 """Scale of rewards: natural rewards (thousands) make the learning of small new networks stall.
@@ -155,6 +158,11 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         msgspec.Meta(description="campaign of `ast` whose networks are the initial ones"),
     ] = None
 
+    trainer: Annotated[
+        Literal["fast", "sb3"],
+        msgspec.Meta(description="soft actor-critic in numpy (fast) or stable-baselines3"),
+    ] = "fast"
+
     def no_estimate(self) -> str:
         """Return why there is no failure probability, and what to do; empty if there is one."""
         if self.hold == 1:
@@ -201,3 +209,58 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
                 f"channel, {most:.2f} in all.",
                 "Ask for less.",
             )
+
+
+TRAINERS = {
+    "fast": "eigenfail_services.methods.ast.trainer_numpy:FastTrainer",
+    "sb3": "eigenfail_services.methods.ast.trainer_sb3:SacTrainer",
+}
+"""Paths instead of classes, so that torch is imported only with the trainer that needs it."""
+
+
+class Trainer(Protocol):
+    """Trains on rollouts of workers; deterministic, given its seed and its transitions."""
+
+    def add(self, decisions: Decisions) -> None:
+        """Add transitions to the replay buffer, which drops the oldest ones."""
+
+    def train(self, steps: int, draw: int) -> None:
+        """Take gradient steps, with the randomness of draw number `draw`.
+
+        Raises:
+            LearnerDiverged: a weight became NaN or infinite.
+        """
+
+    def policy(self, version: int) -> Policy:
+        """Return the present actor as a policy."""
+
+    def adopt(self, arrays: Arrays) -> None:
+        """Take over the networks and the entropy coefficient of another trainer of this kind.
+
+        Optimizers and replay buffer do not change.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+
+    def arrays(self) -> Arrays:
+        """Return the whole state, from which training goes on bit for bit."""
+
+    def load(self, arrays: Arrays) -> None:
+        """Restore the state.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+
+
+def make_trainer(settings: AstSettings, channels: int, seed: int) -> Trainer:
+    """Return the trainer that the settings name, with new networks.
+
+    Args:
+        settings: settings of the method.
+        channels: number of channels of the noise, each a component of an action.
+        seed: seed of the first weights and of all batches.
+    """
+    trainer: Trainer = load_class(TRAINERS[settings.trainer])(settings, channels, seed)
+    return trainer

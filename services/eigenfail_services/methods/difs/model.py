@@ -13,8 +13,9 @@ from torch import Tensor
 
 from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.values.arrays import Floats
+from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays, take
-from eigenfail_services.methods.difs import modes, tensors
+from eigenfail_services.methods.difs import modes
 from eigenfail_services.methods.difs.network import Denoiser
 from eigenfail_services.methods.difs.settings import DifsSettings, Examples
 

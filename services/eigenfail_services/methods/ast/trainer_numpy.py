@@ -215,7 +215,7 @@ class DrawnActions(NamedTuple):
     log_probability: Floats
 
 
-class Trainer:
+class FastTrainer:
     """Soft actor-critic with twin critics and an adaptive entropy coefficient.
 
     It is deterministic, given its seed and its transitions.
