@@ -132,7 +132,8 @@ class FakeWorker(parent.Parent):
             patch.object(parent, "HubConnection", made),
             patch.object(parent, "ChildProcess", FakeChild),
         ):
-            super().__init__(address, "w", episode_limit_s)
+            limits = Limits(episode_s=episode_limit_s)
+            super().__init__(address, "w", limits=limits)
 
     @property
     def dealer(self) -> FakeSocket:

@@ -25,8 +25,8 @@ def measure() -> list[float]:
     from eigenfail_services.methods.difs.settings import DifsSettings
 
     settings = DifsSettings(device="cpu")
-    full = msgspec.structs.replace(settings, sampler="ddpm")
-    models = [DiffusionModel(given.options(HORIZON, 2, seed=0)) for given in (settings, full)]
+    full = msgspec.structs.replace(settings, sampling_steps=1000)
+    models = [DiffusionModel(given, HORIZON, 2, 0) for given in (settings, full)]
     for model in models:
         duration(model, draw=0)
     return [

@@ -51,8 +51,8 @@ def trainer(name: str, batch_size: int) -> Any:
     from eigenfail_services.methods.ast.settings import AstSettings, make_trainer
 
     papers = AstSettings(alpha=5000.0, c_dist=1000.0, tau=0.001, learning_rate=3e-4)
-    options = msgspec.structs.replace(papers, batch_size=batch_size).options(len(AXES), seed=1)
-    made = make_trainer(name, options)
+    settings = msgspec.structs.replace(papers, batch_size=batch_size, trainer=name)
+    made = make_trainer(settings, len(AXES), seed=1)
     random = np.random.default_rng(1)
     states = random.standard_normal((KEPT + 1, len(STATE)), np.float32)
     made.add(

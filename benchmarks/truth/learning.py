@@ -138,7 +138,7 @@ def difs(pool: EpisodePool, seed: int) -> Findings:
     yield "cut_in.difs.sample_std", middle(evaluated_runs, deviation, "sigma", EVALUATED)
     yield from compute_coverage("cut_in.difs", pool, evaluated_runs)
     yield from beside_cem(pool, seed, evaluated_runs)
-    full = evaluations(pool, [changed(run, sampler="ddpm") for run in runs], EVALUATED)
+    full = evaluations(pool, [changed(run, sampling_steps=1000) for run in runs], EVALUATED)
     yield from rates(f"cut_in.difs.ddpm1000.eval{EVALUATED}", full)
     yield "cut_in.difs.default_less_ddpm1000.failure_rate", rate_gained(full, evaluated_runs)
     papers = evaluations(pool, learnt(pool, seed, "difs", schedule="paper"), EVALUATED)

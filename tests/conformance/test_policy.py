@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from eigenfail.values.learning import STATE
-from eigenfail_services.methods.ast.settings import SacOptions
+from eigenfail_services.methods.ast.settings import AstSettings
 from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
 from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
 from eigenfail_workers.noise.policy import act, copy_policy, validate_policy
@@ -12,7 +12,7 @@ from eigenfail_workers.noise.policy import act, copy_policy, validate_policy
 SEED = 7
 
 
-OPTIONS = SacOptions(
+SETTINGS = AstSettings(
     learning_rate=3e-4,
     batch_size=16,
     buffer_size=100,
@@ -23,13 +23,12 @@ OPTIONS = SacOptions(
     target_entropy=-2.0,
     amplitude=2.5,
     hold=5,
-    seed=SEED,
-    channels=2,
+    n_step=1,
 )
 
 
 def trainer():
-    made = SacTrainer(OPTIONS)
+    made = SacTrainer(SETTINGS, 2, SEED)
     # Far from the tame start: saturated actions and clamped deviations shall agree too.
     with torch.no_grad():
         made._model.actor.mu.weight.mul_(10.0)
@@ -53,8 +52,8 @@ def test_numpy_and_torch_choose_the_same_noise():
     np.testing.assert_allclose(chosen, expected.numpy(), rtol=0.0, atol=2e-5)
 
 
-def test_the_fast_trainer_means_the_policy_that_it_exports():
-    made = FastTrainer(OPTIONS)
+def test_the_trainer_means_the_policy_that_it_exports():
+    made = FastTrainer(SETTINGS, 2, SEED)
     made.actor.weights *= 8.0
     policy = copy_policy(made.policy(version=0))
     validate_policy(policy)

@@ -15,13 +15,7 @@ from eigenfail.files import read_private
 from eigenfail.processes import PARENT_VARIABLE, die_with_parent
 from eigenfail.values.access import redact
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE, WorkerKey, read_worker_key
-from eigenfail_workers.limits import (
-    CPU_OPTION,
-    MEMORY_OPTION,
-    OUTPUT_OPTION,
-    read_episode_limit,
-    read_limits,
-)
+from eigenfail_workers.limits import CPU, MEMORY, OUTPUT, read_limits
 from eigenfail_workers.worker.parent import Parent
 
 KEY_FIELD = "--key-file"
@@ -61,6 +55,7 @@ def serve() -> None:
     """
     parser = Parser(prog="eigenfail worker", description=__doc__)
     parser.add_argument("--connect", required=True, help="address of the hub, tcp://host:port")
+    # Unique on a machine, so that a log tells workers apart that were given no name.
     parser.add_argument("--name", default=f"{platform.node()}-{os.getpid()}")
     parser.add_argument(EPISODE_OPTION, help="wall time of an episode [s]")
     parser.add_argument(
@@ -68,9 +63,9 @@ def serve() -> None:
         default=os.environ.get(WORKER_KEY_VARIABLE),
         help="key for a hub that requires keys",
     )
-    parser.add_argument(MEMORY_OPTION, help="memory of simulator and planner [MiB]")
-    parser.add_argument(CPU_OPTION, help="processor time of both for an episode [s]")
-    parser.add_argument(OUTPUT_OPTION, help="printed output passed on for an episode [KiB]")
+    parser.add_argument(MEMORY.option, help="memory of simulator and planner [MiB]")
+    parser.add_argument(CPU.option, help="processor time of both for an episode [s]")
+    parser.add_argument(OUTPUT.option, help="printed output passed on for an episode [KiB]")
     parser.add_argument(
         ADDRESS_OPTION,
         default=os.environ.get(ADDRESS_VARIABLE),
@@ -78,12 +73,16 @@ def serve() -> None:
     )
     arguments = parser.parse_args()
     if arguments.bridge:
+        # Child processes read it from the environment.
         os.environ[ADDRESS_VARIABLE] = check_address(arguments.bridge)
-    key, episode_s = read_key(arguments.key_file), read_episode_limit(arguments.episode_limit)
+    key = read_key(arguments.key_file)
     limits = read_limits(
-        arguments.memory_limit, arguments.cpu_limit, episode_s, arguments.output_limit
+        arguments.memory_limit,
+        arguments.cpu_limit,
+        arguments.episode_limit,
+        arguments.output_limit,
     )
-    parent = Parent(arguments.connect, arguments.name, episode_s, key, limits)
+    parent = Parent(arguments.connect, arguments.name, key, limits)
 
     def shut_down(_signal: int, _frame: FrameType | None) -> None:
         parent.shut_down()

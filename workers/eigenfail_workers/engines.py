@@ -23,4 +23,5 @@ def make_engine(setup: EpisodeSetup) -> EpisodeEngine:
         UnknownName: a plug-in, setting or parameter does not exist.
         InvalidValue: a setting or parameter is outside its bounds.
     """
+    # Any other name is a plug-in's, and `Engine` refuses one that is not installed.
     return ENGINES.get(setup.simulator, Engine)(setup)

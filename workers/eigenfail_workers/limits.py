@@ -13,34 +13,9 @@ from eigenfail.bridges import EPISODE_OPTION, EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
 
 EPISODE_S = 60.0
-
-
-MEMORY_VARIABLE = "EIGENFAIL_MEMORY_LIMIT_MIB"
-
-
-MEMORY_OPTION = "--memory-limit"
-
-
 MEMORY_MIB = 4096.0
-
-
-CPU_VARIABLE = "EIGENFAIL_CPU_LIMIT_S"
-
-
-CPU_OPTION = "--cpu-limit"
-
-
-OUTPUT_VARIABLE = "EIGENFAIL_OUTPUT_LIMIT_KIB"
-
-
-OUTPUT_OPTION = "--output-limit"
-
-
 OUTPUT_KIB = 64.0
-
-
 PROCESSORS = 4.0
-
 
 RENEWAL = os.EX_TEMPFAIL
 """Exit status of a child process that asks for a fresh process to run the remaining episodes."""
@@ -93,16 +68,10 @@ class LimitOption(msgspec.Struct, frozen=True):
 
 
 EPISODE = LimitOption(EPISODE_OPTION, EPISODE_VARIABLE, "seconds", 1.0, "and 10 s")
-
-
 # Simulator, planner and numpy take 150 MiB, and a few seconds, before the first episode begins.
-MEMORY = LimitOption(MEMORY_OPTION, MEMORY_VARIABLE, "MiB", 256.0, "and 200 MiB")
-
-
-CPU = LimitOption(CPU_OPTION, CPU_VARIABLE, "seconds", 10.0, "and 5 s")
-
-
-OUTPUT = LimitOption(OUTPUT_OPTION, OUTPUT_VARIABLE, "KiB", 1.0, "and 1 KiB")
+MEMORY = LimitOption("--memory-limit", "EIGENFAIL_MEMORY_LIMIT_MIB", "MiB", 256.0, "and 200 MiB")
+CPU = LimitOption("--cpu-limit", "EIGENFAIL_CPU_LIMIT_S", "seconds", 10.0, "and 5 s")
+OUTPUT = LimitOption("--output-limit", "EIGENFAIL_OUTPUT_LIMIT_KIB", "KiB", 1.0, "and 1 KiB")
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -139,7 +108,7 @@ def read_episode_limit(given: str | None = None) -> float:
 def read_limits(
     memory_limit: str | None = None,
     cpu_limit: str | None = None,
-    episode_limit_s: float = EPISODE_S,
+    episode_limit: str | None = None,
     output_limit: str | None = None,
 ) -> Limits:
     """Return the limits of a child process, from options and environment.
@@ -147,18 +116,20 @@ def read_limits(
     Args:
         memory_limit: option for memory [MiB], if it was given.
         cpu_limit: option for processor time [s], if it was given.
-        episode_limit_s: wall time of an episode; the default of processor time is a multiple of it.
+        episode_limit: option for the wall time of an episode [s], if it was given; the default of
+            processor time is a multiple of it.
         output_limit: option for output [KiB], if it was given.
 
     Raises:
         InvalidValue: a value is not a number, or is less than a child process needs by itself.
     """
-    cpu_s = CPU.read(cpu_limit, PROCESSORS * episode_limit_s)
+    episode_s = read_episode_limit(episode_limit)
+    cpu_s = CPU.read(cpu_limit, PROCESSORS * episode_s)
     return Limits(
         memory_mib=MEMORY.read(memory_limit, MEMORY_MIB),
         cpu_s=cpu_s,
-        processors=max(1.0, cpu_s / episode_limit_s),
-        episode_s=episode_limit_s,
+        processors=max(1.0, cpu_s / episode_s),
+        episode_s=episode_s,
         output_kib=OUTPUT.read(output_limit, OUTPUT_KIB),
     )
 

@@ -86,6 +86,7 @@ def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
     Raises:
         InvalidValue: the length that was asked for makes too many blocks.
     """
+    # A campaign that ended at once has no index left, and a block needs one.
     reach = max(counts.planned - counts.cancelled, 1)
     if wanted is None:
         return max(min(BLOCK_LENGTH, ceil(reach / FEWEST_BLOCKS)), ceil(reach / MOST_BLOCKS_SHOWN))
@@ -115,6 +116,7 @@ def price_failures(total_usd: float, instance_hours: float, failures: Rate | Non
     if failures is None:
         return Cost(total_usd, instance_hours, None, None, None)
     per_failure_usd = total_usd / failures.k if failures.k else None
+    # A search chose the episodes: its share of failures has no interval, nor has the price.
     if failures.interval is None:
         return Cost(total_usd, instance_hours, per_failure_usd, None, None)
     at_least_usd = total_usd / (failures.trials * failures.interval.high)
@@ -163,6 +165,7 @@ def bill_usd(campaign: Campaign, active_s: float) -> float:
 
 def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
     """Return how the time that was billed was spent; the parts sum to it."""
+    # The parts must sum to the bill: each is cut to what the others leave.
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     learns = traits_of(campaign.spec.method).learns
@@ -190,6 +193,7 @@ def make_cost_curve(
 ) -> Iterator[CostPoint]:
     """Yield the points of the cost curve, from nothing spent to the whole bill."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
+    # The curve begins where nothing is spent, or its first step would not show.
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
     for each, active_s in zip(totals.progress, spent_s, strict=True):
         known = _count_modes(modes, each.at_ms)
@@ -286,6 +290,7 @@ def make_safety(
         SamplingDesign.of_failures([campaign]),
     )
     doubtful = errored, unresolved.count
+    # Numbers stand for any method; only independent episodes give them an interval.
     severity = tail_risk(totals.severities, level)
     correlation = rank_correlation(
         np.array([point.log_probability_per_step for point in totals.points]),
@@ -296,6 +301,7 @@ def make_safety(
     has_road = world_of(campaign.spec.simulator).has_road
     if totals.failures and not len(totals.severities):
         severity = replace(severity, problem=NO_SEVERITY if has_road else NO_SEVERITY_OF_FUNCTION)
+    # A function has no traffic: 0 of 0 makes each share of it unknown instead of 0 %.
     measured = totals.completed if has_road else 0
     return Safety(
         campaign=campaign.id,

@@ -102,6 +102,7 @@ class _Known:
 
     def keep(self, points: mode_regions.Points) -> None:
         """Add failures; of more than `MOST_KEPT`, evenly spaced ones are kept."""
+        # A bound for a long history of releases; evenly spaced, so that none of them is favoured.
         merged = np.concatenate([self.points, points])
         kept = min(len(merged), MOST_KEPT)
         self.points = merged[np.arange(kept) * len(merged) // kept]
@@ -128,6 +129,7 @@ def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[S
             strict=True,
         )
     ):
+        # By noise: releases with the same noise replace each other, as they are one sample.
         before = sum(earlier.values())
         _Comparison(place, release, known, before, builds.get(release.build)).run(
             mode_regions.separate_failures(clouds, release.modes)
@@ -171,6 +173,7 @@ class _Comparison:
         regions = [
             mode_regions.find_region(each.points, each.spread, usual) for each in self._known
         ]
+        # A copy: modes that this release begins are not to be matched with its own failures.
         old = [*self._known]
         shares = np.zeros((len(pieces), len(old)))
         left = list[mode_regions.FailureGroup]()
@@ -184,6 +187,7 @@ class _Comparison:
                 mine = piece.points[owners == owner]
                 shares[row, owner] = piece.failures * len(mine) / len(piece.points)
                 old[owner].keep(mine)
+        # After all failures: a mode is fixed only if no piece of this release has a share in it.
         for each, column in zip(old, shares.T, strict=True):
             each.sightings.append(self._see(each, column, pieces))
         self._known.extend(self._begin(piece, len(pieces)) for piece in left)

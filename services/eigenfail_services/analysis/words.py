@@ -115,6 +115,7 @@ def describe(
         channels: the names of the columns of z.
         shape: shape of the noise, by which events and what is drawn once follow from z.
     """
+    # A level for each channel: the strongest one would hide the moments of all others.
     columns = [
         each._replace(level=_choose_level(each.noise))
         for each in _list_columns(z[: clock.impact], channels, shape)
@@ -148,6 +149,7 @@ def describe_needed(
         channels: the names of the columns of z.
         shape: shape of the noise, by which events follow from z.
     """
+    # What comes after the impact cannot have caused it.
     if not z[: clock.impact].any():
         return "It needs no noise at all."
     ranked = _rank_columns(_list_columns(z[: clock.impact], channels, shape))
@@ -229,6 +231,7 @@ def _describe_column(column: ChannelNoise, found: Sequence[Push], clock: Clock) 
         # Rounded up, so that the bound holds as it is written.
         bound = np.ceil(10.0 * float(np.abs(noise).max())) / 10.0
         return f"{channel} noise stays within {bound:.1f} sigma"
+    # The strongest were chosen; people read them in the order in which they happen.
     in_time = sorted(found, key=lambda push: push.first)
     describe_one = _describe_event if column.is_event else _describe_push
     text = ", ".join(describe_one(push, channel, clock) for push in in_time)
@@ -284,6 +287,7 @@ def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[s
 def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
     """What overrode the plan, from when to when."""
     names = [read_word(step, "override") for step in steps]
+    # Sorted, so that the same episode has the same words in every process.
     for name in sorted({*names} - NOTHING):
         places = [place for place, each in enumerate(names) if each == name]
         window = clock.describe_span(places[0], places[-1])

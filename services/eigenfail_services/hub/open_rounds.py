@@ -97,6 +97,7 @@ class OpenRounds:
         observes: whether the learner uses the results; if not, it gets their outcomes alone.
 
     Attributes:
+        collector: the rounds, with the results so far.
         problem: why the rounds cannot become complete; empty while they can.
     """
 
@@ -117,7 +118,7 @@ class OpenRounds:
         self._store = store
         self._leases = leases
         self._observes = observes
-        self._collector = RoundCollector()
+        self.collector = RoundCollector()
         self._to_look_up: set[int] = set()
         self._refusals = Counter[int]()
         self._handlers: dict[Verdict, Callable[[EpisodeResult], None]] = {
@@ -134,14 +135,14 @@ class OpenRounds:
             StoreUnavailable: no new round is open.
         """
         rounds = tuple(rounds)
-        indices = [task.index for task in self._collector.list_new_tasks(rounds)]
+        indices = [task.index for task in self.collector.list_new_tasks(rounds)]
         finished = self._store.episodes.finished(self._campaign, indices)
         # Only after the last call of the store, which may fail: a round is opened once.
-        tasks = self._collector.open(rounds)
+        tasks = self.collector.open(rounds)
         known = {result.index for result in finished}
         self._leases.offer(self._campaign, tuple(task for task in tasks if task.index not in known))
         for result in finished:
-            self._collector.add(self._reduce(result))
+            self.collector.add(self._reduce(result))
 
     def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
         """Add, look up or request again a result, by the store's verdict on it."""
@@ -162,27 +163,11 @@ class OpenRounds:
         self._to_look_up.clear()
         return len(kept)
 
-    def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
-        """Close the oldest round and return its results, if all are there."""
-        return self._collector.pop_complete()
-
-    def count_pending(self) -> int:
-        """Return the number of results that open rounds still need."""
-        return self._collector.count_pending()
-
-    def find_policy(self, version: int) -> Policy:
-        """Return a policy of an open round.
-
-        Raises:
-            KeyError: no open round has it.
-        """
-        return self._collector.find_policy(version)
-
     def _add(self, result: EpisodeResult) -> None:
         # The episode may have been proposed after its result came and before that was committed.
         if self._leases.needs_result(self._campaign, result.index):
             self._leases.complete(self._campaign, result.index, wall_s=0.0)
-        self._collector.add(self._reduce(result))
+        self.collector.add(self._reduce(result))
 
     def _reduce(self, result: EpisodeResult) -> EpisodeResult:
         """Return what the learner is to observe of a result."""
@@ -195,12 +180,12 @@ class OpenRounds:
 
     def _look_up(self, result: EpisodeResult) -> None:
         """Look up the first result of an episode: it may have come to another hub."""
-        if self._collector.find_pending_task(result.index) is not None:
+        if self.collector.find_pending_task(result.index) is not None:
             self._to_look_up.add(result.index)
 
     def _offer_again(self, result: EpisodeResult) -> None:
         """Offer the episode of a refused result again, up to `MAX_REFUSALS` times."""
-        task = self._collector.find_pending_task(result.index)
+        task = self.collector.find_pending_task(result.index)
         if task is None:
             return
         self._refusals[result.index] += 1

@@ -233,7 +233,7 @@ class CampaignRun:
 
     def _send_complete_round(self) -> None:
         """Send the oldest round to the learner, if it is complete and the learner is free."""
-        if self._learning_since_s is None and (results := self._rounds.pop_complete()):
+        if self._learning_since_s is None and (results := self._rounds.collector.pop_complete()):
             self._learning_since_s, self._has_observed = time.monotonic(), True
             self._timeout.restart()
             self._link.send(Observed(results))
@@ -246,7 +246,7 @@ class CampaignRun:
 
     def work(self) -> Work:
         """Return the work that waits or is leased."""
-        episodes = self._rounds.count_pending()
+        episodes = self._rounds.collector.count_pending()
         return Work(episodes, episodes * self._leases.episode_s(self.spec.campaign))
 
     def update_phase(self) -> None:
@@ -261,7 +261,7 @@ class CampaignRun:
         Raises:
             KeyError: no open round has it.
         """
-        return self._rounds.find_policy(version)
+        return self._rounds.collector.find_policy(version)
 
     def stop(self) -> None:
         """Withdraw its leases and end its learner; unfinished episodes stay open in the store."""

@@ -73,6 +73,7 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if a member's share is too small or too large for its method."""
         settings = self.read_member_settings()
+        # Shares differ by one episode at most: there are two different ones.
         for share in set(self.divide_training(episodes)):
             check_budget(settings, share)
 
@@ -124,6 +125,7 @@ def make_member(
 
 def make_member_seed(seed: int, number: int) -> int:
     """Return the seed of a member, from the seed of the ensemble and the number of the member."""
+    # A spawned seed: with seed + number, members of neighbouring campaigns would be the same.
     sequence = np.random.SeedSequence([seed], spawn_key=(1, number))
     return int(sequence.generate_state(1, np.uint64)[0]) & MAX_SEED
 

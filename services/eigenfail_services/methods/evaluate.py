@@ -139,6 +139,7 @@ class Evaluate:
             ProtocolError: the bytes are not a state of this method with this predecessor.
         """
         facts, _ = archive.read("evaluate", state, self._Facts)
+        # The earlier learner counts its draws: without that a resumed campaign would repeat noise.
         self._learner.restore(facts.learner)
         self._proposed, self._sums = facts.proposed, facts.sums
 
@@ -152,6 +153,7 @@ def restore_learner(context: LearnerContext, campaign: int) -> contracts.Learner
     """
     before = _find_predecessor(context, campaign)
     method = plugins.load(plugins.METHODS, before.method)
+    # Budget and horizon are those of training: the state fits no others.
     own = LearnerContext(
         seed=context.seed,
         episodes=before.episodes,

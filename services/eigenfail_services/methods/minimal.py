@@ -5,6 +5,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
@@ -122,25 +123,16 @@ class Minimal:
             for result in results:
                 _refuse_safe_replay(result)
         self._ends += tuple(map(_find_end, results))
+        # Only then: which blocks are removed together depends on all candidates of a phase.
         if len(self._ends) == len(list_candidates(self._search)):
             self._search, self._ends = advance(self._search, self._ends), ()
 
     def state(self) -> bytes:
         """Return the state of the search."""
-        search = self._search
-        facts = MinimalFacts(
-            phase=search.phase,
-            width=search.width,
-            removable=search.removable,
-            low=search.low,
-            high=search.high,
-            scaled=search.scaled,
-            not_run=search.not_run,
-            ends=self._ends,
-            tried=search.tried,
-            best=search.best,
-        )
-        return archive.write("minimal", facts, {"z": search.z})
+        facts = structs.asdict(self._search)
+        # An array has a form of its own in an archive.
+        z = facts.pop("z")
+        return archive.write("minimal", MinimalFacts(**facts, ends=self._ends), {"z": z})
 
     def restore(self, state: bytes) -> None:
         """Restore a state, from which learning goes on bit for bit.
@@ -151,19 +143,9 @@ class Minimal:
         facts, arrays = archive.read("minimal", state, MinimalFacts)
         with archive.wrap_errors("minimal"):
             z = archive.take(arrays, "z", self._search.z.shape)
-        self._search = Search(
-            facts.phase,
-            z,
-            facts.width,
-            facts.removable,
-            facts.low,
-            facts.high,
-            facts.scaled,
-            facts.not_run,
-            facts.tried,
-            facts.best,
-        )
-        self._ends = facts.ends
+        known = structs.asdict(facts)
+        self._ends = known.pop("ends")
+        self._search = Search(z=z, **known)
 
 
 def _find_end(result: EpisodeResult) -> int:

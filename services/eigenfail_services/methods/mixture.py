@@ -88,6 +88,7 @@ class MixtureMethod(BatchLearner[mixture_sampling.MixtureSampling]):
         if not self._driver.is_done:
             problem = "Not known before the last draws are completed, on which it rests alone."
             return _refuse(episodes, problem) if episodes else None
+        # No mixture was fitted, and another method had the rest of the budget.
         if result is None:
             return _hand_on(simulation)
         return judge_result(result, episodes, self._context.channels * self._context.horizon)
@@ -103,6 +104,7 @@ def judge_result(result: mixture_sampling.MixtureResult, episodes: int, values: 
     """
     if result.errored == result.draws:
         return _refuse(episodes, "All of the last draws errored: correct what raised.")
+    # Without a failure the estimate would be 0, with an interval of no width.
     if not len(result.weights):
         return _refuse(episodes, f"None of the last draws failed. {TAKE_SUBSET}.")
     effective = result.effective

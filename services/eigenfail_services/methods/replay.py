@@ -91,6 +91,7 @@ class Replay:
         self._trajectories = [np.float32(settings.scale) * z for z in context.trajectories]
         self._round_size = settings.round_size
         self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
+        # Passes end the campaign, also if its budget allows for more.
         self._total = len(context.trajectories) * settings.repeats
         self._proposed = 0
 

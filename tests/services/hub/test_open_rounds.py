@@ -66,18 +66,18 @@ def test_what_has_a_result_is_not_asked_for(opened: Opened) -> None:
     opened.commit(result(0), result(3))
     opened.rounds.open(ROUNDS)
     assert opened.leased() == [1, 2]
-    assert opened.rounds.count_pending() == 2
+    assert opened.rounds.collector.count_pending() == 2
 
 
 def test_rounds_are_whole_in_their_order(opened: Opened) -> None:
     opened.rounds.open(ROUNDS)
     for index in (3, 1, 2):
         opened.deliver(result(index))
-        assert opened.rounds.pop_complete() is None
+        assert opened.rounds.collector.pop_complete() is None
     opened.deliver(result(0))
-    found = [opened.rounds.pop_complete(), opened.rounds.pop_complete()]
+    found = [opened.rounds.collector.pop_complete(), opened.rounds.collector.pop_complete()]
     assert [[each.index for each in whole or ()] for whole in found] == [[0, 1], [2, 3]]
-    assert opened.rounds.pop_complete() is None
+    assert opened.rounds.collector.pop_complete() is None
 
 
 @pytest.mark.parametrize(("observes", "rows"), [(True, 3), (False, 0)])
@@ -92,7 +92,7 @@ def test_a_learner_that_uses_no_results_gets_them_without_arrays(observes: bool,
     opened.commit(stored)
     opened.rounds.open(ROUNDS[:1])
     opened.deliver(delivered)
-    observed = opened.rounds.pop_complete() or ()
+    observed = opened.rounds.collector.pop_complete() or ()
     assert [(each.index, each.steps) for each in observed] == [(0, 3), (1, 3)]
     for each in observed:
         found = each.noise.z, each.noise.sigma, each.states, each.importance
@@ -109,7 +109,7 @@ def test_noise_without_a_step_has_the_channels_of_the_campaign(
     opened.commit(result(0))
     opened.rounds.open(ROUNDS[:1])
     opened.deliver(result(1))
-    for each in opened.rounds.pop_complete() or pytest.fail("The round is not complete."):
+    for each in opened.rounds.collector.pop_complete() or pytest.fail("The round is not complete."):
         assert each.noise.z.shape == each.noise.sigma.shape == (0, channels)
 
 
@@ -131,7 +131,7 @@ def test_rounds_open_once_although_the_store_was_away(
         patch.setattr(opened.store.episodes, "finished", away)
         with pytest.raises(StoreUnavailable):
             opened.rounds.open(ROUNDS)
-    assert opened.rounds.count_pending() == 0
+    assert opened.rounds.collector.count_pending() == 0
     for _ in range(2):
         opened.rounds.open(ROUNDS)
     assert opened.leased() == [0, 1, 2, 3]
@@ -142,11 +142,11 @@ def test_of_two_results_the_one_that_is_kept_counts(opened: Opened) -> None:
     opened.commit(result(0))
     opened.deliver(result(0, "solver"))
     opened.deliver(result(1))
-    assert opened.rounds.pop_complete() is None
+    assert opened.rounds.collector.pop_complete() is None
     assert [opened.rounds.load_kept_results() for _ in range(2)] == [1, 0]
-    assert [each.fault and each.fault.kind for each in opened.rounds.pop_complete() or ()] == [
-        "input"
-    ] * 2
+    assert [
+        each.fault and each.fault.kind for each in opened.rounds.collector.pop_complete() or ()
+    ] == ["input"] * 2
 
 
 def test_what_is_refused_is_asked_for_again_but_not_for_ever(opened: Opened) -> None:

@@ -92,7 +92,7 @@ def test_no_action_has_more_entropy_than_its_channels_allow(channels, most):
     settings = {} if channels == 1 else {"target_entropy": 1.3}
     ast(channels=channels, **settings)
     with pytest.raises(InvalidValue, match=f"ln 2 for each channel, {most} in all"):
-        AstSettings(target_entropy=channels * 0.7).options(channels, seed=0)
+        AstSettings(target_entropy=channels * 0.7).check_entropy(channels)
 
 
 def test_failed_episodes_never_enter_the_buffer():

@@ -8,8 +8,12 @@ import pytest
 from eigenfail.errors import LearnerFailed
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import Measures
-from eigenfail_services.methods.ast.decisions import DecisionProcess, is_usable, make_decisions
-from eigenfail_services.methods.ast.reward import PaperReward
+from eigenfail_services.methods.ast.decisions import (
+    DecisionProcess,
+    PaperReward,
+    is_usable,
+    make_decisions,
+)
 
 REWARD = PaperReward(alpha=5000.0, c_dist=1000.0)
 

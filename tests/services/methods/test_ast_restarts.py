@@ -11,8 +11,7 @@ from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.ast.attempts import Attempt, RestartRule
-from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+from eigenfail_services.methods.ast.method import AdaptiveStressTesting, Attempt, RestartRule
 from eigenfail_workers.functions import FunctionEngine
 
 QUICK = {"warm_up": 20, "gradient_steps": 1, "batch_size": 8, "hidden": [8]}

@@ -18,7 +18,7 @@ EASY, HARD = Corridor(wall=0.0), Corridor()
 QUICK = {"round_size": 10, "warm_up": 20, "gradient_steps": 1, "batch_size": 8}
 
 
-class TestWithDissimilarityAndAGrowingAmplitude(LearnerSuite):
+class TestWithDissimilarity(LearnerSuite):
     method = AdaptiveStressTesting
     settings = MappingProxyType(
         {
@@ -26,7 +26,6 @@ class TestWithDissimilarityAndAGrowingAmplitude(LearnerSuite):
             "warm_up": 4,
             "gradient_steps": 1,
             "reward": "dissimilarity",
-            "first_amplitude": 1.0,
             "hold": 5,
             "n_step": 3,
         }
@@ -92,30 +91,16 @@ def test_convergence_outlasts_a_restart():
     assert again.trained_episodes == learner.trained_episodes
 
 
-def test_the_amplitude_grows_until_half_of_the_episodes_are_over():
-    learner = ast(episodes=80, first_amplitude=1.0, amplitude=3.0)
-    reach = [learner.propose(10).policy.amplitude for _ in range(6)]
-    assert reach == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.0])
-
-
 def test_an_action_is_stored_by_the_amplitude_under_which_it_was_chosen():
-    learner = ast(episodes=80, first_amplitude=0.5, amplitude=3.0, warm_up=60)
+    learner = ast(episodes=80, amplitude=3.0, warm_up=60)
     results = run(learner, 20)
     stored = learner._trainer.arrays()["memory.actions"]
     chosen = np.concatenate([result.noise.z[::10] for result in results])
-    count = sum(-(-result.steps // 10) for result in results[:10])
-    reach = np.where(np.arange(len(chosen)) < count, 0.5, 0.5 + 2.5 * 10 / 40)
-    np.testing.assert_allclose(stored, chosen / reach[:, None], rtol=1e-5)
-
-
-def test_training_does_not_converge_while_the_amplitude_moves():
-    learner = ast(episodes=400, first_amplitude=2.9, amplitude=3.0, converged_share=0.01)
-    run(learner, 350, EASY)
-    assert learner.trained_episodes == 290
+    np.testing.assert_allclose(stored, chosen / 3.0, rtol=1e-5)
 
 
 def test_exploiting_uses_the_newest_policy_and_changes_nothing():
-    learner = ast(first_amplitude=1.0, amplitude=3.0)
+    learner = ast(amplitude=3.0)
     run(learner, 40)
     before = learner.state()
     used = learner.exploit(7)
@@ -123,14 +108,6 @@ def test_exploiting_uses_the_newest_policy_and_changes_nothing():
     assert used.sources == (PolicySource(used.policy.version),) * 7
     assert used.policy.amplitude == 3.0
     assert same(used.policy, learner.propose(1).policy)
-
-
-def test_a_version_is_one_policy_whatever_the_amplitude_does():
-    learner = ast(first_amplitude=1.0, amplitude=3.0)
-    seen = {}
-    for policy in (learner.propose(10).policy for _ in range(30)):
-        assert seen.setdefault(policy.version, policy.amplitude) == policy.amplitude
-    assert len(seen) > 5
 
 
 def predecessor(learner, **settings):

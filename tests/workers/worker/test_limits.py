@@ -12,9 +12,9 @@ from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import InvalidValue
 from eigenfail_workers.bridge.connection import make_timeouts, read_timeouts
 from eigenfail_workers.limits import (
-    CPU_VARIABLE,
-    MEMORY_VARIABLE,
-    OUTPUT_VARIABLE,
+    CPU,
+    MEMORY,
+    OUTPUT,
     Limits,
     is_out_of_files,
     read_episode_limit,
@@ -53,26 +53,27 @@ def program() -> Iterator[Callable[[str], int]]:
 
 @pytest.mark.parametrize(("written", "memory_mib"), [(None, 4096.0), ("256", 256.0), ("1e4", 1e4)])
 def test_the_limit_of_memory_is_read(monkeypatch, written, memory_mib) -> None:
-    monkeypatch.delenv(MEMORY_VARIABLE, raising=False)
+    monkeypatch.delenv(MEMORY.variable, raising=False)
     assert read_limits(written).memory_mib == memory_mib
     if written:
-        monkeypatch.setenv(MEMORY_VARIABLE, written)
+        monkeypatch.setenv(MEMORY.variable, written)
     assert read_limits().memory_mib == memory_mib
     assert read_limits("512").memory_mib == 512.0
 
 
 def test_processor_time_goes_by_the_wall_time_of_an_episode(monkeypatch) -> None:
-    monkeypatch.delenv(CPU_VARIABLE, raising=False)
+    monkeypatch.delenv(CPU.variable, raising=False)
+    monkeypatch.delenv(EPISODE_VARIABLE, raising=False)
     for episode_s, written, told in (
-        (60.0, None, (240.0, 4.0)),
-        (600.0, None, (2400.0, 4.0)),
-        (60.0, "120", (120.0, 2.0)),
-        (60.0, "10", (10.0, 1.0)),
+        (None, None, (240.0, 4.0)),
+        ("600", None, (2400.0, 4.0)),
+        ("60", "120", (120.0, 2.0)),
+        ("60", "10", (10.0, 1.0)),
     ):
-        limits = read_limits(cpu_limit=written, episode_limit_s=episode_s)
+        limits = read_limits(cpu_limit=written, episode_limit=episode_s)
         assert (limits.cpu_s, limits.processors) == told
     assert read_limits() == Limits()
-    monkeypatch.setenv(CPU_VARIABLE, "99")
+    monkeypatch.setenv(CPU.variable, "99")
     assert read_limits().cpu_s == 99.0
     with pytest.raises(InvalidValue, match=r"--cpu-limit: '9' is no .* seconds, 10 or more.*CPU_"):
         read_limits(cpu_limit="9")
@@ -97,10 +98,10 @@ def test_who_asks_a_bridge_reads_it_likewise(monkeypatch) -> None:
 
 
 def test_the_limit_of_output_is_read(monkeypatch) -> None:
-    monkeypatch.delenv(OUTPUT_VARIABLE, raising=False)
+    monkeypatch.delenv(OUTPUT.variable, raising=False)
     assert read_limits().output_kib == 64.0
     assert read_limits(output_limit="1").output_kib == 1.0
-    monkeypatch.setenv(OUTPUT_VARIABLE, "1024")
+    monkeypatch.setenv(OUTPUT.variable, "1024")
     assert read_limits().output_kib == 1024.0
     for wrong in ("0", "much", "inf"):
         with pytest.raises(InvalidValue, match=r"--output-limit: .* KiB, 1 or more.*OUTPUT_LIMIT"):

@@ -26,7 +26,7 @@ from eigenfail.wire.messages import (
     Setup,
     Welcome,
 )
-from eigenfail_workers.limits import Limits
+from eigenfail_workers.limits import Limits, read_limits
 from eigenfail_workers.worker import child_process
 from eigenfail_workers.worker.parent import Parent
 
@@ -35,20 +35,20 @@ pytestmark = pytest.mark.service
 
 @pytest.fixture
 def parent(hub) -> Iterator[Parent]:
-    with serving(hub, episode_limit_s=600.0) as worker:
+    with serving(hub, episode_limit="600") as worker:
         yield worker
 
 
 @pytest.fixture
 def impatient(hub) -> Iterator[Parent]:
     """Of short patience with an episode, which ends in a hundredth of a second if it does."""
-    with serving(hub, episode_limit_s=3.0) as worker:
+    with serving(hub, episode_limit="3") as worker:
         yield worker
 
 
 @contextmanager
-def serving(hub, episode_limit_s: float) -> Iterator[Parent]:
-    worker = Parent(hub.address, "w", episode_limit_s)
+def serving(hub, episode_limit: str) -> Iterator[Parent]:
+    worker = Parent(hub.address, "w", limits=read_limits(episode_limit=episode_limit))
     thread = Thread(target=worker.serve)
     thread.start()
     hello = hub.hear(Hello)

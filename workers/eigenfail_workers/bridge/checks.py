@@ -84,6 +84,7 @@ class BridgeSimulation:
         """Begin an episode; see `Simulation.reset`."""
         if self._closed:
             raise SimulatorError("The simulation is closed.", "Open another one.")
+        # Forgotten first: if the reset fails, a step must not go on with the episode before.
         self._now = None
         (seen,) = _reset(self._connection, replace(self._start, seed=seed), channels=self._channels)
         self._reader = episode.ObservationReader(self._channels, self.dt_s)
@@ -188,6 +189,7 @@ def disturbs_the_nearest(connection: Connection, start: messages.SlotStart) -> N
         return  # `disturbs_each_channel` tries what the bridge offers in their place.
     with closing(BridgeSimulation(connection, start)) as simulation:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
+    # The worker's own arithmetic: the position must be equal to the last bit, or replays differ.
     errors = SensorErrors(POSITION)
     for before, after in pairwise(disturbed):
         due = errors.perceive(before, simulation.dt_s, wave(after.step))[1]
@@ -231,6 +233,7 @@ def refuses_what_is_over(connection: Connection, start: messages.SlotStart) -> N
     channels = list_position(connection.welcome)
     step = episode.make_step(connection.welcome, start.slot, channels, (0.0,) * len(channels))
     (seen,) = _step(connection, step)
+    # Nothing was reset yet on this connection: an answer could only be made up.
     expect(seen.fault is not None, "A step before any reset must be answered with a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
         course(simulation)
@@ -431,12 +434,14 @@ def _format_defaults(defaults: Mapping[str, Plain]) -> str:
 def _run_checks(address: str, welcome: messages.BridgeWelcome) -> Iterator[CheckResult]:
     """Yield the pace and each check; once the bridge has stopped answering, skip the rest."""
     rest = iter(_plan_checks(welcome))
+    # First, as the bridge loads its parts in it: the checks then wait for no start.
     pace = _check_pace(address, _make_start(welcome.scenarios[0], welcome.planners[0]))
     yield pace
     if pace.verdict is not CheckVerdict.BROKEN or _is_reachable(address):
         for start, check in rest:
             checked = _run_check(address, start, check)
             yield checked
+            # One dead bridge is one finding: every further check would wait for its time-out.
             if checked.verdict is CheckVerdict.BROKEN and not _is_reachable(address):
                 break
     yield from _skip(rest)

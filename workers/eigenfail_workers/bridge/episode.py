@@ -105,6 +105,7 @@ class BridgeEpisode:
         bridges.check_channels(offer, [channel.name for channel in campaign.noise.perceived])
         if campaign.judge is not None:
             bridges.check_signals(offer, campaign.judge.signals)
+        # After the checks: only time that the bridge can be blamed for counts.
         self._wall_s, self._measured_s = 0.0, perf_counter()
         model = campaign.model
         self._recorder = Recorder(model, task.importance, campaign.judge)
@@ -112,6 +113,7 @@ class BridgeEpisode:
         self._driver = EpisodeDriver(model, self._noise, self._recorder, self._steps, self._dt_s)
         self._reader = ObservationReader(campaign.noise.perceived, self._dt_s)
         self._disturbance: Row = ()
+        # A repeated episode, after a lost bridge, must not append to the steps of the first try.
         if campaign.recorded is not None:
             campaign.recorded.clear()
 

@@ -389,6 +389,7 @@ def _read_slot(data: msgspec.Raw) -> DetailedObservation:
         seen = _slot_decoder.decode(data)
     except _UNREADABLE as error:
         return DetailedObservation(fault="simulator", message=_make_unreadable(error).problem)
+    # The first excess is enough: the observation is refused as a whole.
     for excess in _list_excesses(seen):
         return DetailedObservation(fault="simulator", message=excess)
     return seen

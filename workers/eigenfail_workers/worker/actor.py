@@ -50,6 +50,7 @@ class WorkerActor:
             raise
         except Exception:
             log.exception("worker ends, and is started again", worker=name)
+            # Not by an exit, which would wait for the threads of a broken worker.
             time.sleep(PAUSE_S)
             end_now(3)
 

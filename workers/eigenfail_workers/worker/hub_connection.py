@@ -70,6 +70,7 @@ class HandshakeMonitor:
             while True:
                 self._handlers[recv_monitor_message(self._events, zmq.NOBLOCK)["event"]]()
         since_s = self._failing_since_s
+        # Not at the first one: a hub that is just stopped breaks off a handshake, too.
         if since_s is not None and time.monotonic() - since_s > GIVE_UP_S:
             self._failing_since_s = None
             self._give_up()
@@ -161,6 +162,7 @@ class HubConnection:
         try:
             self.socket.connect(address)
         except zmq.ZMQError as error:
+            # Sockets that stay open would keep the process alive at its end.
             self.close()
             problem = f"'{address}' cannot be connected to: {error}."
             raise InvalidValue("connect", problem, "Write it as tcp://host:port.") from error

@@ -27,7 +27,7 @@ from eigenfail.wire import messages
 from eigenfail.wire.keys import WorkerKey
 from eigenfail.worlds import world_of
 from eigenfail_workers.bridge.probe import make_probe
-from eigenfail_workers.limits import RENEWAL, Limits, read_episode_limit, read_limits
+from eigenfail_workers.limits import RENEWAL, Limits, read_limits
 from eigenfail_workers.worker import inner_processes
 from eigenfail_workers.worker.child_process import ChildProcess, HeldEpisode, NullChild
 from eigenfail_workers.worker.hub_connection import HubConnection
@@ -87,10 +87,8 @@ class Parent:
     Args:
         address: address of the hub, as `tcp://host:port`.
         name: name of the worker in lists and logs.
-        episode_limit_s: wall time after which an episode is given up and its child killed; default:
-            that of the environment.
         key: for a hub that requires keys.
-        limits: for a child process; default: those of the environment.
+        limits: for an episode and its child process; default: those of the environment.
 
     Raises:
         InvalidValue: the address or a limit in the environment is not valid.
@@ -100,13 +98,10 @@ class Parent:
         self,
         address: str,
         name: str,
-        episode_limit_s: float | None = None,
         key: WorkerKey | None = None,
         limits: Limits | None = None,
     ) -> None:
-        self._episode_limit_s = episode_limit_s or read_episode_limit()
-        confined = limits or read_limits(episode_limit_s=self._episode_limit_s)
-        self._limits = replace(confined, episode_s=self._episode_limit_s)
+        self._limits = limits or read_limits()
         self._hub = HubConnection(address, key)
         self._probe = make_probe(os.environ.get(ADDRESS_VARIABLE))
         self._hello = messages.Hello(
@@ -279,11 +274,11 @@ class Parent:
         alive = self._listen_to_child() if spoke or ended else True
         if ended or not alive:
             self._replace_child("killed its process", 1 if self._child.begun else 0)
-        elif self._child.is_overdue(self._episode_limit_s):
+        elif self._child.is_overdue(self._limits.episode_s):
             # An episode that hung would hang again for as long: it is given up at once. A process
             # that was never ready has not begun it.
             weight = inner_processes.MAX_CHILD_DEATHS if self._child.ready else 0
-            self._replace_child(f"took longer than {self._episode_limit_s:g} s", weight)
+            self._replace_child(f"took longer than {self._limits.episode_s:g} s", weight)
         elif excess := self._child.find_excess():
             self._replace_child(excess, 1)
 

@@ -17,15 +17,7 @@ from typing import IO
 import psutil
 import structlog
 
-from eigenfail_workers.limits import (
-    CPU_OPTION,
-    CPU_VARIABLE,
-    MEMORY_OPTION,
-    MEMORY_VARIABLE,
-    OUTPUT_OPTION,
-    OUTPUT_VARIABLE,
-    Limits,
-)
+from eigenfail_workers.limits import CPU, MEMORY, OUTPUT, Limits
 
 CHECK_EVERY_S = 0.2
 MIB = 1024 * 1024
@@ -85,7 +77,7 @@ class ResourceMonitor:
             return ""
         return (
             f"took {used_mib:.0f} MiB of memory, where {limit_mib:g} MiB is the limit "
-            f"({MEMORY_OPTION} of the worker, or {MEMORY_VARIABLE})"
+            f"({MEMORY.option} of the worker, or {MEMORY.variable})"
         )
 
     def _find_excess_threads(self, members: list[psutil.Process]) -> str:
@@ -129,7 +121,7 @@ class ProcessorTimeMeter:
             return ""
         return (
             f"took {counted_s:.0f} s of processor time, where {limit_s:g} s is the limit "
-            f"({CPU_OPTION} of the worker, or {CPU_VARIABLE})"
+            f"({CPU.option} of the worker, or {CPU.variable})"
         )
 
     def _begin(self, used_s: float) -> None:
@@ -249,8 +241,8 @@ class OutputLimiter:
                 _write_unbuffered(b"\n")
                 why = (
                     f"Simulator and planner printed more than {self._limit_kib:g} KiB in this "
-                    f"episode, which is the limit ({OUTPUT_OPTION} of the worker, or "
-                    f"{OUTPUT_VARIABLE})."
+                    f"episode, which is the limit ({OUTPUT.option} of the worker, or "
+                    f"{OUTPUT.variable})."
                 )
                 log.warning("output suppressed", why=why)
 

@@ -28,9 +28,11 @@ class PolicyAverage:
 
     def add(self, policy: Policy) -> None:
         """Add the next version."""
+        # The mean would be the version itself: nothing is kept, and states stay small.
         if self._length == 1:
             return
         weights = np.concatenate([array.ravel() for array in _list_weights(policy)])
+        # The size of the networks is known from the first version on.
         if not self._count:
             self._weights = np.zeros_like(weights)
         self._count += 1

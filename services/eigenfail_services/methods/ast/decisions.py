@@ -1,4 +1,10 @@
-"""The adversary's Markov decision process: one decision stays for `hold` steps."""
+"""The adversary's Markov decision process: its rewards, and decisions that stay for `hold` steps.
+
+Rewards are objects that can be compared with each other.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, Self
 
 import msgspec
 import numpy as np
@@ -7,36 +13,155 @@ from numpy.typing import NDArray
 from eigenfail.errors import LearnerFailed
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, Outcome
-from eigenfail_services.methods.ast.reward import Reward
+from eigenfail_services.methods.archive import Arrays
 
-FINAL_AMPLITUDE_SHARE = 0.5
-"""Share of a campaign's episodes after which the amplitude has its last value."""
+Rewards = NDArray[np.float64]
 
 
-class AmplitudeSchedule(msgspec.Struct, frozen=True):
-    """Largest |z| of the policy, which changes linearly from its first value to its last.
+class Reward(Protocol):
+    """Rewards of the steps of an episode that was run to its end."""
 
-    Attributes:
-        first: amplitude at the start of the campaign. [sigma]
-        last: amplitude in the second half, and for a policy that is only used. [sigma]
-        episodes: budget of the campaign.
+    def __call__(self, result: EpisodeResult) -> Rewards:
+        """Return the reward of every step, shape (steps,)."""
+
+    def update(self, results: Sequence[EpisodeResult]) -> "Reward":
+        """Return the reward of later episodes, which takes these into account."""
+
+    def arrays(self) -> Arrays:
+        """Return what the reward has kept of earlier episodes."""
+
+    def load(self, arrays: Arrays) -> "Reward":
+        """Return the reward as it was when it returned these arrays.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+
+
+class ConstantReward(msgspec.Struct, frozen=True):
+    """A reward that does not depend on earlier episodes."""
+
+    def update(self, _results: Sequence[EpisodeResult]) -> Self:
+        """Return the same reward."""
+        return self
+
+    def arrays(self) -> Arrays:
+        """Return no arrays."""
+        return {}
+
+    def load(self, _arrays: Arrays) -> Self:
+        """Return the same reward."""
+        return self
+
+
+class PaperReward(ConstantReward, frozen=True):
+    """The paper's reward (eq. 4; Lee et al. 2020, Adaptive Stress Testing, JAIR 69).
+
+    0 at a terminal failure, -alpha - c_dist · d_min at any other end, log p(a_t) at all other
+    steps; d_min is the episode's robustness [m].
     """
 
-    first: float
-    last: float
-    episodes: int
+    alpha: float
+    c_dist: float
 
-    def get_amplitude(self, episode: int) -> float:
-        """Return the amplitude of the round that begins with an episode, counted from 0. [sigma]"""
-        if self.is_final(episode):
-            return self.last
-        return self.first + (self.last - self.first) * episode / (
-            FINAL_AMPLITUDE_SHARE * self.episodes
-        )
+    def __call__(self, result: EpisodeResult) -> Rewards:
+        """Return the reward of every step, shape (steps,)."""
+        # The reward of the end replaces log p of the last step: the cases of equation 4 exclude
+        # each other.
+        rewards = result.noise.log_probability_per_step.copy()
+        rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
+        return rewards
 
-    def is_final(self, episode: int) -> bool:
-        """Whether the amplitude is constant from an episode on."""
-        return self.first == self.last or episode >= FINAL_AMPLITUDE_SHARE * self.episodes
+
+class MahalanobisReward(ConstantReward, frozen=True):
+    """Koren et al. 2018 (Adaptive Stress Testing for Autonomous Vehicles, IEEE IV).
+
+    -log(1 + M(a_t)) in place of log p(a_t), M the Mahalanobis distance from the mean: ||z_t||.
+    It needs no density, only a covariance, and large disturbances cost little more than medium
+    ones. The end is the paper's.
+    """
+
+    alpha: float
+    c_dist: float
+
+    def __call__(self, result: EpisodeResult) -> Rewards:
+        """Return the reward of every step, shape (steps,)."""
+        distances = np.linalg.norm(result.noise.counted_z.astype(np.float64), axis=1)
+        rewards: Rewards = -np.log1p(distances)
+        rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
+        return rewards
+
+
+def _reward_at_end(result: EpisodeResult, alpha: float, c_dist: float) -> float:
+    """Return 0 for a failure, otherwise -alpha - c_dist · robustness [m]."""
+    if result.is_failure:
+        return 0.0
+    d_min = result.measures.robustness_m if result.measures else float("nan")
+    return -alpha - c_dist * d_min
+
+
+MAX_FAILURES = 100
+"""Number of the newest failures that are compared: older ones stem from outdated policies."""
+
+
+class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
+    """Corso et al. 2019 (AST with Reward Augmentation, IEEE ITSC): trajectory dissimilarity.
+
+    Against mode collapse, a terminal failure earns c_dissimilarity · d instead of 0. d is the
+    distance from the nearest known failure: the root mean square over steps and channels of the
+    difference in z, which is zero behind an episode's end [sigma]. For the first failure, d = 0.
+    Corso et al. compare trajectories of states; noise can be compared without a simulator.
+
+    Attributes:
+        paper: reward of all other steps.
+        c_dissimilarity: bonus per sigma.
+        failures: known failures, shape (n, horizon, channels). [sigma]
+    """
+
+    paper: PaperReward
+    c_dissimilarity: float
+    failures: Floats
+
+    def __call__(self, result: EpisodeResult) -> Rewards:
+        """Return the reward of every step, shape (steps,)."""
+        rewards = self.paper(result)
+        if result.is_failure:
+            rewards[-1] += self.c_dissimilarity * self.measure_distance(result)
+        return rewards
+
+    def measure_distance(self, result: EpisodeResult) -> float:
+        """Distance from the nearest known failure. [sigma]"""
+        if not len(self.failures):
+            return 0.0
+        differences = self.failures - self._pad(result)
+        return float(np.sqrt(np.square(differences).mean(axis=(1, 2)).min()))
+
+    def update(self, results: Sequence[EpisodeResult]) -> "DissimilarityReward":
+        """Return the reward with the failures among these episodes, without the oldest ones."""
+        found = [self._pad(result)[None] for result in results if result.is_failure]
+        failures = np.concatenate([self.failures, *found])[-MAX_FAILURES:]
+        return msgspec.structs.replace(self, failures=failures)
+
+    def arrays(self) -> Arrays:
+        """Return the known failures."""
+        return {"failures": self.failures}
+
+    def load(self, arrays: Arrays) -> "DissimilarityReward":
+        """Return the reward with the failures of these arrays.
+
+        Raises:
+            ValueError: they are missing or of another length.
+        """
+        failures = arrays.get("failures")
+        if failures is None or failures.shape[1:] != self.failures.shape[1:]:
+            raise ValueError("there are no failures of this horizon")
+        return msgspec.structs.replace(self, failures=failures)
+
+    def _pad(self, result: EpisodeResult) -> Floats:
+        """Return z up to the horizon, shape (horizon, channels)."""
+        z = np.zeros(self.failures.shape[1:], np.float32)
+        z[: result.steps] = result.noise.counted_z
+        return z
 
 
 class Decisions(msgspec.Struct, frozen=True, eq=False):

@@ -1,6 +1,7 @@
 """AST as a learner: soft actor-critic on the paper's decision process (Lee et al. 2020)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -18,48 +19,112 @@ from eigenfail.values.learning import (
     count_rounds_ahead,
 )
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.ast.attempts import WINDOW, Attempt, Count, RestartRule
 from eigenfail_services.methods.ast.averaging import PolicyAverage
-from eigenfail_services.methods.ast.decisions import AmplitudeSchedule, is_usable, make_decisions
-from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
-from eigenfail_services.methods.ast.reward import (
+from eigenfail_services.methods.ast.decisions import (
     DissimilarityReward,
     MahalanobisReward,
     PaperReward,
     Reward,
+    is_usable,
+    make_decisions,
 )
+from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
 from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_trainer
 from eigenfail_services.statistics.importance import WeightedFailures
 
+Count = Annotated[int, msgspec.Meta(ge=0)]
 
-def paper(settings: AstSettings, _context: LearnerContext) -> Reward:
-    """Log p at every step."""
-    return PaperReward(settings.alpha, settings.c_dist)
+WINDOW = 100
+"""Number of the last episodes that show whether training has converged, or is stuck."""
 
+STUCK_SHARE = 0.05
+"""Share of failures among them below which an attempt is given up."""
 
-def mahalanobis(settings: AstSettings, _context: LearnerContext) -> Reward:
-    """A distance in place of log p."""
-    return MahalanobisReward(settings.alpha, settings.c_dist)
-
-
-def dissimilarity(settings: AstSettings, context: LearnerContext) -> Reward:
-    """The paper's, and a bonus for failures unlike those known."""
-    nothing = np.zeros((0, context.horizon, context.channels), np.float32)
-    return DissimilarityReward(
-        PaperReward(settings.alpha, settings.c_dist), settings.c_dissimilarity, nothing
-    )
+WIDENING = 1.5
+"""Factor by which the amplitude grows where nothing has failed."""
 
 
-REWARDS: dict[str, Callable[[AstSettings, LearnerContext], Reward]] = {
-    "paper": paper,
-    "mahalanobis": mahalanobis,
-    "dissimilarity": dissimilarity,
-}
+class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A training from new networks, with an empty replay buffer.
+
+    Attributes:
+        number: number of attempts before it.
+        first: index of its first episode.
+        kept_before: number of episodes that were added to the buffers of earlier attempts.
+        widening: its amplitude ÷ the amplitude of the settings.
+    """
+
+    number: Count = 0
+    first: Count = 0
+    kept_before: Count = 0
+    widening: float = 1.0
+
+    def derive_seed(self, seed: int) -> int:
+        """Return the seed of its networks and batches; that of the learner for the first one."""
+        # The first attempt has the learner's own seed: without a restart, nothing differs from a
+        # campaign without `patience`.
+        if not self.number:
+            return seed
+        return int(np.random.SeedSequence([seed, self.number]).generate_state(1)[0])
+
+
+class RestartRule(msgspec.Struct, frozen=True):
+    """When an attempt is given up, and what the next one changes.
+
+    Attributes:
+        patience: number of episodes after which an attempt may be given up, if as many are left;
+            None: never.
+        amplitude: amplitude of the settings. [sigma]
+        largest_amplitude: bound of the widened amplitude. [sigma]
+        episodes: budget of the campaign.
+    """
+
+    patience: int | None
+    amplitude: float
+    largest_amplitude: float
+    episodes: int
+
+    def is_stuck(self, attempt: Attempt, observed: int, recent: tuple[bool, ...]) -> bool:
+        """Whether an attempt is to be given up.
+
+        Args:
+            attempt: the present one.
+            observed: number of observed episodes of the campaign.
+            recent: whether the last episodes of the attempt failed, at most `WINDOW`.
+        """
+        if self.patience is None or len(recent) < WINDOW:
+            return False
+        tried, left = observed - attempt.first, self.episodes - observed
+        # With fewer left, another attempt would be given less than the one that has found nothing.
+        is_due = tried >= self.patience <= left
+        return is_due and sum(recent) < STUCK_SHARE * WINDOW
+
+    def start_next(self, attempt: Attempt, first: int, kept: int, *, found: bool) -> Attempt:
+        """Return the attempt after one that was given up.
+
+        Args:
+            attempt: the one before.
+            first: index of its first episode.
+            kept: number of episodes that were added to buffers so far.
+            found: whether any episode of the campaign failed; if not, the amplitude is widened.
+        """
+        widening = attempt.widening if found else self.widen(attempt.widening)
+        return Attempt(attempt.number + 1, first, kept, widening)
+
+    def widen(self, widening: float) -> float:
+        """Return the next larger widening, within `largest_amplitude`."""
+        return max(widening, min(widening * WIDENING, self.largest_amplitude / self.amplitude))
 
 
 def make_reward(settings: AstSettings, context: LearnerContext) -> Reward:
     """Return the reward that the settings name, for the noise of a campaign."""
-    return REWARDS[settings.reward](settings, context)
+    paper = PaperReward(settings.alpha, settings.c_dist)
+    if settings.reward == "mahalanobis":
+        return MahalanobisReward(settings.alpha, settings.c_dist)
+    if settings.reward == "dissimilarity":
+        nothing = np.zeros((0, context.horizon, context.channels), np.float32)
+        return DissimilarityReward(paper, settings.c_dissimilarity, nothing)
+    return paper
 
 
 class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -122,7 +187,7 @@ def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) ->
         raise InvalidValue(
             FIELD,
             f"the networks of campaign {campaign} do not fit: {error}.",
-            "Use that campaign's `hidden` and `trainer`.",
+            "Use that campaign's `hidden`.",
         ) from error
 
 
@@ -164,6 +229,7 @@ class AdaptiveStressTesting:
     lookahead = 1
 
     def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
+        settings.check_entropy(context.channels)
         self._settings = settings
         self._reward = make_reward(settings, context)
         self._seed = context.seed
@@ -172,9 +238,7 @@ class AdaptiveStressTesting:
         self._trainer = self._make_trainer(Attempt())
         self._average = PolicyAverage(settings.averaged)
         self._warm_up = min(settings.warm_up, context.episodes // 4)
-        first = settings.first_amplitude or settings.amplitude
-        self._amplitudes = AmplitudeSchedule(first, settings.amplitude, context.episodes)
-        self._facts = AstFacts(amplitude=first)
+        self._facts = AstFacts(amplitude=settings.amplitude)
         self._restarts = RestartRule(
             settings.patience, settings.amplitude, settings.largest_amplitude, context.episodes
         )
@@ -192,7 +256,7 @@ class AdaptiveStressTesting:
         """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
         # Before the policy is made: workers keep a version as they first got it.
-        facts = facts.with_amplitude(self._get_amplitude(facts.proposed))
+        facts = facts.with_amplitude(self._get_amplitude())
         self._facts = structs.replace(facts, proposed=facts.proposed + count)
         policy = self._make_policy(facts)
         # Noted now: by the time of its results, the policy has been trained further.
@@ -209,11 +273,11 @@ class AdaptiveStressTesting:
 
     def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
         """Return a lower bound of the failure probability; None without episodes."""
-        return self._probability.estimate_from_sums(sums, horizon, self._get_last_amplitude())
+        return self._probability.estimate_from_sums(sums, horizon, self._get_amplitude())
 
     def estimate(self) -> Estimate | None:
         """Return the estimate over the second half of the budget; None where hold > 1."""
-        reach = self._get_last_amplitude()
+        reach = self._get_amplitude()
         return self._probability.estimate(self._facts.observed, self._horizon, reach)
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
@@ -232,7 +296,7 @@ class AdaptiveStressTesting:
         self._probability.end(first, results)
         # A round that was proposed before a restart has the old amplitude, and is not learnt from.
         if not self._facts.converged and first >= self._facts.attempt.first:
-            self._add_to_buffer([result for result in results if is_usable(result)], first)
+            self._add_to_buffer([result for result in results if is_usable(result)])
             # Before training: the policy that has converged is kept, without another step.
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
@@ -267,20 +331,14 @@ class AdaptiveStressTesting:
         self._trainer, self._average, self._reward, self._facts = trainer, average, reward, facts
 
     def _make_trainer(self, attempt: Attempt) -> Trainer:
-        seed = attempt.derive_seed(self._seed)
-        options = self._settings.options(self._channels, seed)
-        return make_trainer(self._settings.trainer, options)
+        return make_trainer(self._settings, self._channels, attempt.derive_seed(self._seed))
 
-    def _get_amplitude(self, episode: int) -> float:
-        """Return the amplitude of the round of the present attempt that begins with an episode."""
-        return self._amplitudes.get_amplitude(episode) * self._facts.attempt.widening
-
-    def _get_last_amplitude(self) -> float:
-        """Return the amplitude at which the present attempt ends. [sigma]"""
-        return self._amplitudes.last * self._facts.attempt.widening
+    def _get_amplitude(self) -> float:
+        """Return the amplitude of the present attempt. [sigma]"""
+        return self._settings.amplitude * self._facts.attempt.widening
 
     def _make_final_policy(self) -> Policy:
-        facts = self._facts.with_amplitude(self._get_last_amplitude())
+        facts = self._facts.with_amplitude(self._get_amplitude())
         return self._average.apply(self._make_policy(facts))
 
     def _make_policy(self, facts: AstFacts) -> Policy:
@@ -288,10 +346,10 @@ class AdaptiveStressTesting:
         actor = self._trainer.policy(facts.version)
         return structs.replace(actor, amplitude=facts.amplitude)
 
-    def _add_to_buffer(self, results: Sequence[EpisodeResult], first: int) -> None:
-        """Add a round to the replay buffer; `first` is the number of its first episode."""
+    def _add_to_buffer(self, results: Sequence[EpisodeResult]) -> None:
+        """Add a round to the replay buffer."""
         facts, fresh = self._facts, self._facts.fresh
-        process, amplitude = self._settings.process(), self._get_amplitude(first)
+        process, amplitude = self._settings.process(), self._get_amplitude()
         for result in results:
             found = make_decisions(result, self._reward, process, amplitude)
             self._trainer.add(found)
@@ -306,10 +364,9 @@ class AdaptiveStressTesting:
         )
 
     def _has_converged(self) -> bool:
-        """Whether enough of the last episodes failed, all of them at the last amplitude."""
+        """Whether enough of the last episodes failed."""
         share, facts = self._settings.converged_share, self._facts
-        is_final = self._amplitudes.is_final(facts.observed - WINDOW)
-        if share is None or not is_final or len(facts.recent) < WINDOW:
+        if share is None or len(facts.recent) < WINDOW:
             return False
         return sum(facts.recent) >= share * WINDOW
 
@@ -317,6 +374,7 @@ class AdaptiveStressTesting:
         """Take the gradient steps for the fresh decisions."""
         facts = self._facts
         kept = facts.kept - facts.attempt.kept_before
+        # Counted from the attempt: a restart begins with an empty buffer and warms up again.
         if facts.fresh and not facts.converged and kept >= self._warm_up:
             trainings = facts.trainings + 1
             self._trainer.train(facts.fresh * self._settings.gradient_steps, draw=trainings)

@@ -13,13 +13,16 @@ from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import Layer, Policy
 from eigenfail.values.shapes import PerChannel
-from eigenfail_services.methods.ast.decisions import FINAL_AMPLITUDE_SHARE, is_usable
+from eigenfail_services.methods.ast.decisions import is_usable
 from eigenfail_services.statistics.importance import WeightedFailures, explain_nothing_counted
 
 Array = NDArray[np.float64]
 
 LOG_STD_MIN, LOG_STD_MAX = -20.0, 2.0
 HALF_LOG_TWO_PI = 0.5 * log(2.0 * pi)
+
+WEIGHED_FROM = 0.5
+"""Share of the budget after which episodes are weighted."""
 
 EDGE = 5.0
 """Largest value before the squashing that has a density of its own.
@@ -133,10 +136,10 @@ _policies = msgspec.msgpack.Decoder(dict[int, Policy], dec_hook=decode_array)
 class PolicyProbability:
     """Sums of importance weights over the rounds of the second half of the budget.
 
-    By then the amplitude is constant unless a restart widens it, and the early policies, whose few
-    heavy weights would dominate the sum, have ended. A policy never depends on the round that it
-    runs, so that the sums are unbiased while it is trained. With hold > 1 there are no weights:
-    noise that is held lies in a set that has probability 0 under p(z).
+    By then the early policies, whose few heavy weights would dominate the sum, have ended. A policy
+    never depends on the round that it runs, so that the sums are unbiased while it is trained. With
+    hold > 1 there are no weights: noise that is held lies in a set that has probability 0 under
+    p(z).
 
     Args:
         hold: number of steps for which an action stays.
@@ -156,7 +159,7 @@ class PolicyProbability:
 
     def begin(self, first: int, policy: Policy) -> None:
         """Note the policy of the round that begins with episode `first`."""
-        if self._has_density and first >= FINAL_AMPLITUDE_SHARE * self._budget:
+        if self._has_density and first >= WEIGHED_FROM * self._budget:
             self._open[first] = policy
 
     def end(self, first: int, results: Sequence[EpisodeResult]) -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from eigenfail.errors import InvalidValue
 from eigenfail.plugins import load_class
-from eigenfail.values.learning import Policy, count_state
+from eigenfail.values.learning import Policy
 from eigenfail_services.methods.archive import Arrays
 from eigenfail_services.methods.ast.decisions import DecisionProcess, Decisions
 
@@ -18,87 +18,6 @@ With the initial entropy coefficient at the same scale, every target, loss and g
 natural one times a constant, to which Adam is invariant: the algorithm is the same as with natural
 rewards and critics whose outputs are multiplied by 1000.
 """
-
-
-TRAINERS = {
-    "fast": "eigenfail_services.methods.ast.trainer_numpy:FastTrainer",
-    "sb3": "eigenfail_services.methods.ast.trainer_sb3:SacTrainer",
-}
-"""Paths instead of classes, so that torch is imported only with the trainer that needs it."""
-
-
-class SacOptions(msgspec.Struct, frozen=True):
-    """Settings of soft actor-critic, by the paper's names.
-
-    Attributes:
-        entropy: initial entropy coefficient, at the natural scale of rewards.
-        target_entropy: entropy to which the coefficient adapts, of an action in
-            [-1, 1]^channels. [nat]
-        hold: number of steps for which one action stays; only written into policies.
-        amplitude: largest |z| of the policy. [sigma]
-        hidden: widths of the hidden layers of actor and critics.
-        channels: number of channels of the noise, each a component of an action.
-    """
-
-    learning_rate: float
-    batch_size: int
-    buffer_size: int
-    tau: float
-    gamma: float
-    hidden: tuple[int, ...]
-    entropy: float
-    target_entropy: float
-    amplitude: float
-    hold: int
-    seed: int
-    channels: int
-
-    @property
-    def states(self) -> int:
-        """Number of components of a state."""
-        return count_state(self.channels)
-
-
-class Trainer(Protocol):
-    """Trains on rollouts of workers; deterministic, given its seed and its transitions."""
-
-    def add(self, decisions: Decisions) -> None:
-        """Add transitions to the replay buffer, which drops the oldest ones."""
-
-    def train(self, steps: int, draw: int) -> None:
-        """Take gradient steps, with the randomness of draw number `draw`.
-
-        Raises:
-            LearnerDiverged: a weight became NaN or infinite.
-        """
-
-    def policy(self, version: int) -> Policy:
-        """Return the present actor as a policy."""
-
-    def adopt(self, arrays: Arrays) -> None:
-        """Take over the networks and the entropy coefficient of another trainer of this kind.
-
-        Optimizers and replay buffer do not change.
-
-        Raises:
-            ValueError: an array is missing or has another shape.
-        """
-
-    def arrays(self) -> Arrays:
-        """Return the whole state, from which training goes on bit for bit."""
-
-    def load(self, arrays: Arrays) -> None:
-        """Restore the state.
-
-        Raises:
-            ValueError: an array is missing or has another shape.
-        """
-
-
-def make_trainer(name: str, options: SacOptions) -> Trainer:
-    """Return a new trainer by its name."""
-    trainer: Trainer = load_class(TRAINERS[name])(options)
-    return trainer
 
 
 Width = Annotated[int, msgspec.Meta(ge=1, le=4096)]
@@ -126,8 +45,6 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     - `gradient_steps`: over twelve seeds of `cut_in` one step for each decision gave about as many
       failures among 1000 as two steps, and likelier ones.
     - `converged_share`: ending the training at less leaves a policy that fails less often.
-    - `first_amplitude`: none; an amplitude that shrinks fails more often in training, and less in
-      other scenarios.
     - `averaged`: the last version may have lost a corner of the scenario that earlier ones had. The
       default is 1, as a training that ends with 100 failures in a row has lost nothing where it was
       trained.
@@ -194,12 +111,6 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     amplitude: Annotated[
         float, msgspec.Meta(gt=0.0, le=10.0, description="largest |z| of the policy [sigma]")
     ] = 2.0
-    first_amplitude: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] | None,
-        msgspec.Meta(
-            description="largest |z| at the start; `amplitude` after half of the episodes"
-        ),
-    ] = None
     round_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="episodes between two policy versions")
     ] = 10
@@ -246,6 +157,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         Annotated[int, msgspec.Meta(ge=1)] | None,
         msgspec.Meta(description="campaign of `ast` whose networks are the initial ones"),
     ] = None
+
     trainer: Annotated[
         Literal["fast", "sb3"],
         msgspec.Meta(description="soft actor-critic in numpy (fast) or stable-baselines3"),
@@ -262,9 +174,8 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     def reach(self) -> str:
         """Return the largest noise that a policy can choose, and how to go beyond it."""
-        largest = max(self.amplitude, self.first_amplitude or 0.0)
         held = f", held for {self.hold} steps" if self.hold > 1 else ""
-        most = f"{largest:g} sigma{held}{self._describe_widening()}"
+        most = f"{self.amplitude:g} sigma{held}{self._describe_widening()}"
         return (
             f"The method explores disturbances of at most {most}; failures beyond are out of its "
             "reach. Raise `amplitude`, or run cem, difs or subset."
@@ -283,12 +194,13 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         """Return the grouping of steps and decisions."""
         return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)
 
-    def options(self, channels: int, seed: int) -> SacOptions:
-        """Return the options of the trainer, for which `n_step` decisions are one.
+    def check_entropy(self, channels: int) -> None:
+        """Check that an action of so many components can have the target entropy.
 
         Raises:
-            InvalidValue: no action of so few components has the target entropy.
+            InvalidValue: it cannot.
         """
+        # Actions lie in [-1, 1]: the uniform distribution over an axis has ln 2, and none has more.
         most = channels * log(2.0)
         if self.target_entropy >= most:
             raise InvalidValue(
@@ -297,17 +209,58 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
                 f"channel, {most:.2f} in all.",
                 "Ask for less.",
             )
-        return SacOptions(
-            learning_rate=self.learning_rate,
-            batch_size=self.batch_size,
-            buffer_size=self.buffer_size,
-            tau=self.tau,
-            gamma=self.gamma**self.n_step,
-            hidden=self.hidden,
-            entropy=self.entropy,
-            target_entropy=self.target_entropy,
-            amplitude=self.amplitude,
-            hold=self.hold,
-            seed=seed,
-            channels=channels,
-        )
+
+
+TRAINERS = {
+    "fast": "eigenfail_services.methods.ast.trainer_numpy:FastTrainer",
+    "sb3": "eigenfail_services.methods.ast.trainer_sb3:SacTrainer",
+}
+"""Paths instead of classes, so that torch is imported only with the trainer that needs it."""
+
+
+class Trainer(Protocol):
+    """Trains on rollouts of workers; deterministic, given its seed and its transitions."""
+
+    def add(self, decisions: Decisions) -> None:
+        """Add transitions to the replay buffer, which drops the oldest ones."""
+
+    def train(self, steps: int, draw: int) -> None:
+        """Take gradient steps, with the randomness of draw number `draw`.
+
+        Raises:
+            LearnerDiverged: a weight became NaN or infinite.
+        """
+
+    def policy(self, version: int) -> Policy:
+        """Return the present actor as a policy."""
+
+    def adopt(self, arrays: Arrays) -> None:
+        """Take over the networks and the entropy coefficient of another trainer of this kind.
+
+        Optimizers and replay buffer do not change.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+
+    def arrays(self) -> Arrays:
+        """Return the whole state, from which training goes on bit for bit."""
+
+    def load(self, arrays: Arrays) -> None:
+        """Restore the state.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+
+
+def make_trainer(settings: AstSettings, channels: int, seed: int) -> Trainer:
+    """Return the trainer that the settings name, with new networks.
+
+    Args:
+        settings: settings of the method.
+        channels: number of channels of the noise, each a component of an action.
+        seed: seed of the first weights and of all batches.
+    """
+    trainer: Trainer = load_class(TRAINERS[settings.trainer])(settings, channels, seed)
+    return trainer

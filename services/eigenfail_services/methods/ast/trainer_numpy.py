@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import LearnerDiverged
 from eigenfail.values.arrays import Floats
-from eigenfail.values.learning import Layer, Policy
+from eigenfail.values.learning import Layer, Policy, count_state
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.settings import REWARD_SCALE, SacOptions
+from eigenfail_services.methods.ast.settings import REWARD_SCALE, AstSettings
 
 # Weight of shape (…, outputs, inputs) and bias of shape (…, 1, outputs), views of one vector.
 NetworkLayer = tuple[Floats, Floats]
@@ -216,21 +216,33 @@ class DrawnActions(NamedTuple):
 
 
 class FastTrainer:
-    """Soft actor-critic with twin critics and an adaptive entropy coefficient."""
+    """Soft actor-critic with twin critics and an adaptive entropy coefficient.
 
-    def __init__(self, options: SacOptions) -> None:
-        random = np.random.default_rng([options.seed, 0])
-        self._options = options
-        self._actions = options.channels
-        self.actor = Network((options.states, *options.hidden, 2 * self._actions), (), random)
-        widths = (options.states + self._actions, *options.hidden, 1)
+    It is deterministic, given its seed and its transitions.
+
+    Args:
+        settings: settings of the method.
+        channels: number of channels of the noise, each a component of an action.
+        seed: seed of the first weights and of all batches.
+    """
+
+    def __init__(self, settings: AstSettings, channels: int, seed: int) -> None:
+        random = np.random.default_rng([seed, 0])
+        self._settings = settings
+        self._seed = seed
+        self._actions = channels
+        # For the trainer `n_step` decisions are one.
+        self._gamma = settings.gamma**settings.n_step
+        states = count_state(channels)
+        self.actor = Network((states, *settings.hidden, 2 * channels), (), random)
+        widths = (states + channels, *settings.hidden, 1)
         self.critics = Network(widths, (2,), random)
         self.targets = Network(widths, (2,), random)
         # Its own draw is dropped: targets start as copies, as in SB3.
         self.targets.weights[:] = self.critics.weights
         # Logarithm of the entropy coefficient, with Adam's two moments and step count.
-        self.entropy = np.array([log(options.entropy * REWARD_SCALE), 0.0, 0.0, 0.0])
-        self.memory = TransitionBuffer(options.buffer_size, options.states, self._actions)
+        self.entropy = np.array([log(settings.entropy * REWARD_SCALE), 0.0, 0.0, 0.0])
+        self.memory = TransitionBuffer(settings.buffer_size, states, channels)
 
     def add(self, decisions: Decisions) -> None:
         """Keep transitions; the oldest ones make room."""
@@ -243,7 +255,7 @@ class FastTrainer:
         Raises:
             LearnerDiverged: a weight became NaN or infinite.
         """
-        random, batch = np.random.default_rng([self._options.seed, draw]), self._options.batch_size
+        random, batch = np.random.default_rng([self._seed, draw]), self._settings.batch_size
         # A diverging run is found below, by its weights: warnings would come by the thousand.
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(steps):
@@ -272,9 +284,9 @@ class FastTrainer:
         wanted = self._find_wanted(batch, next_eps, coefficient)
         course = self.critics.forward(np.concatenate([batch.states, batch.actions], axis=1))
         slope = (course[-1] - wanted[:, None]) / np.float32(len(wanted))
-        self.critics.descend(course, slope, self._options.learning_rate)
+        self.critics.descend(course, slope, self._settings.learning_rate)
         self._step_actor(batch.states, choice, coefficient)
-        self.targets.follow(self.critics, self._options.tau)
+        self.targets.follow(self.critics, self._settings.tau)
 
     def policy(self, version: int) -> Policy:
         """The actor as it stands, as raw weights."""
@@ -286,8 +298,8 @@ class FastTrainer:
             hidden=tuple(Layer(*layer) for layer in hidden),
             mean=Layer(weight[: self._actions], bias[: self._actions]),
             log_std=Layer(weight[self._actions :], bias[self._actions :]),
-            amplitude=self._options.amplitude,
-            hold=self._options.hold,
+            amplitude=self._settings.amplitude,
+            hold=self._settings.hold,
         )
 
     def adopt(self, arrays: Arrays) -> None:
@@ -339,13 +351,13 @@ class FastTrainer:
 
     def _step_entropy(self, log_probability: float) -> None:
         """Adapt the coefficient so that the entropy approaches its target."""
-        slope = -(log_probability + self._options.target_entropy)
+        slope = -(log_probability + self._settings.target_entropy)
         logarithm, mean, square, steps = self.entropy
         steps += 1.0
         mean += (1.0 - BETA1) * (slope - mean)
         square = BETA2 * square + (1.0 - BETA2) * slope * slope
         size = sqrt(square) / sqrt(1.0 - BETA2**steps) + EPSILON
-        change = self._options.learning_rate / (1.0 - BETA1**steps) * mean / size
+        change = self._settings.learning_rate / (1.0 - BETA1**steps) * mean / size
         self.entropy[:] = logarithm - change, mean, square, steps
 
     def _find_wanted(self, batch: Decisions, eps: Floats, coefficient: np.float32) -> Floats:
@@ -357,7 +369,7 @@ class FastTrainer:
         seen = np.concatenate([batch.next_states, then.actions], axis=1)
         later = self.targets.forward(seen)[-1][..., 0].min(axis=0)
         later -= coefficient * then.log_probability
-        discount = (1.0 - batch.ends) * np.float32(self._options.gamma)
+        discount = (1.0 - batch.ends) * np.float32(self._gamma)
         wanted: Floats = batch.rewards + discount * later
         return wanted
 
@@ -375,5 +387,5 @@ class FastTrainer:
         # values have no slope.
         widths = (sums * choice.std * choice.eps - coefficient / count) * choice.inside
         self.actor.descend(
-            choice.course, np.concatenate([sums, widths], axis=1), self._options.learning_rate
+            choice.course, np.concatenate([sums, widths], axis=1), self._settings.learning_rate
         )

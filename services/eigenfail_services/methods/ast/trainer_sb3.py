@@ -12,11 +12,11 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
 from eigenfail.errors import LearnerDiverged
-from eigenfail.values.learning import Layer, Policy
+from eigenfail.values.learning import Layer, Policy, count_state
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.settings import REWARD_SCALE, SacOptions
+from eigenfail_services.methods.ast.settings import REWARD_SCALE, AstSettings
 
 KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
 
@@ -49,13 +49,19 @@ class SeededBuffer(ReplayBuffer):
 
 
 class SacTrainer:
-    """Soft actor-critic on one core, as small networks gain nothing from more threads."""
+    """Soft actor-critic on one core, as small networks gain nothing from more threads.
 
-    def __init__(self, options: SacOptions) -> None:
+    Args:
+        settings: settings of the method.
+        channels: number of channels of the noise, each a component of an action.
+        seed: seed of the first weights and of all batches.
+    """
+
+    def __init__(self, settings: AstSettings, channels: int, seed: int) -> None:
         torch.set_num_threads(1)
-        self._options = options
-        with tensors.isolate_randomness(options.seed, 0):
-            self._model = _sac(options)
+        self._settings, self._seed = settings, seed
+        with tensors.isolate_randomness(seed, 0):
+            self._model = _make_model(settings, channels)
         # SB3 makes a logger in `learn`, which is never called here, and `train` logs to it.
         self._model.set_logger(Logger(None, []))
         self._buffer = cast("SeededBuffer", self._model.replay_buffer)
@@ -79,10 +85,10 @@ class SacTrainer:
         Raises:
             LearnerDiverged: a weight became NaN or infinite.
         """
-        with tensors.isolate_randomness(self._options.seed, draw) as generator:
+        with tensors.isolate_randomness(self._seed, draw) as generator:
             self._buffer.generator = generator
             try:
-                self._model.train(gradient_steps=steps, batch_size=self._options.batch_size)
+                self._model.train(gradient_steps=steps, batch_size=self._settings.batch_size)
             except ValueError as error:  # torch's distributions refuse a mean of NaN
                 raise _make_divergence() from error
         if not tensors.all_finite(chain(self._model.policy.parameters(), [self._entropy()])):
@@ -97,8 +103,8 @@ class SacTrainer:
             hidden=tuple(_layer(layer) for layer in layers),
             mean=_layer(cast("torch.nn.Linear", actor.mu)),
             log_std=_layer(cast("torch.nn.Linear", actor.log_std)),
-            amplitude=self._options.amplitude,
-            hold=self._options.hold,
+            amplitude=self._settings.amplitude,
+            hold=self._settings.hold,
         )
 
     def adopt(self, arrays: Arrays) -> None:
@@ -160,19 +166,20 @@ class SacTrainer:
         return {name: item for name, item in found.items() if isinstance(item, torch.optim.Adam)}
 
 
-def _sac(options: SacOptions) -> SAC:
+def _make_model(settings: AstSettings, channels: int) -> SAC:
     return SAC(
         "MlpPolicy",
-        SpaceHolder(options.states, options.channels),
-        learning_rate=options.learning_rate,
-        buffer_size=options.buffer_size,
-        batch_size=options.batch_size,
-        tau=options.tau,
-        gamma=options.gamma,
-        ent_coef=f"auto_{options.entropy * REWARD_SCALE}",
-        target_entropy=options.target_entropy,
+        SpaceHolder(count_state(channels), channels),
+        learning_rate=settings.learning_rate,
+        buffer_size=settings.buffer_size,
+        batch_size=settings.batch_size,
+        tau=settings.tau,
+        # Of decisions that are summed over `n_step`, each is one transition.
+        gamma=settings.gamma**settings.n_step,
+        ent_coef=f"auto_{settings.entropy * REWARD_SCALE}",
+        target_entropy=settings.target_entropy,
         replay_buffer_class=SeededBuffer,
-        policy_kwargs={"net_arch": list(options.hidden), "optimizer_kwargs": {"fused": True}},
+        policy_kwargs={"net_arch": list(settings.hidden), "optimizer_kwargs": {"fused": True}},
         device="cpu",
     )
 

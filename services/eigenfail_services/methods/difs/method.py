@@ -68,9 +68,9 @@ class DiffusionFailureSampling:
         self._settings = settings
         self._seed = context.seed
         self._schedule = SCHEDULES[settings.schedule]
-        options = settings.options(context.horizon, context.channels, context.seed)
-        self._model = load_class(MODEL)(options)
-        self._trials = TrialMemory(context.horizon, context.channels, settings.memory)
+        shape = context.horizon, context.channels
+        self._model = load_class(MODEL)(settings, *shape, context.seed)
+        self._trials = TrialMemory(*shape, settings.memory)
         self._facts = self._Facts(settings.guidance)
         if context.experience is not None:
             self._trials.add_experience(context.experience)

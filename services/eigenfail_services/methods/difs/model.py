@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from copy import deepcopy
 from itertools import chain, pairwise
-from math import cos, inf, log, pi, sin, sqrt, tan
+from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays, take
 from eigenfail_services.methods.difs import modes
 from eigenfail_services.methods.difs.network import Denoiser
-from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples
+from eigenfail_services.methods.difs.settings import DifsSettings, Examples
 
 
 def diffuse(x0: Tensor, eps: Tensor, angle: Tensor) -> Tensor:
@@ -83,19 +83,6 @@ Velocity = Callable[[Tensor, Tensor], Tensor]
 """v(x, t) for x of shape (n, size) and t of shape (n,)."""
 
 
-Sampler = Callable[[Velocity, Tensor, int, torch.Generator], Tensor]
-"""From (v, standard normal draws, steps, generator) to samples of x_0."""
-
-
-DDPM_STEPS = 1000
-
-
-def _list_times(steps: int) -> list[float]:
-    """Return the steps + 1 times of a sampler, from pi/2 to 0."""
-    times: list[float] = np.linspace(pi / 2, 0.0, steps + 1).tolist()
-    return times
-
-
 def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Generator) -> Tensor:
     """Return samples of x_0, by `steps` ancestral steps of DDPM with the wide variance.
 
@@ -111,7 +98,8 @@ def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Ge
         generator: generator of the noise.
     """
     x = start
-    for t, s in pairwise(_list_times(steps)):
+    times: list[float] = np.linspace(pi / 2, 0.0, steps + 1).tolist()
+    for t, s in pairwise(times):
         # At pi/2 there is no signal yet; the quotient is 0 there but for rounding.
         rho = cos(t) / cos(s) if t < pi / 2 else 0.0
         pull = cos(s) * (1.0 - rho**2) / sin(t)
@@ -120,47 +108,8 @@ def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Ge
     return x
 
 
-def sample_ddpm(v: Velocity, start: Tensor, _steps: int, generator: torch.Generator) -> Tensor:
-    """Return samples of `sample_ancestral` in the 1000 steps of the original."""
-    return sample_ancestral(v, start, DDPM_STEPS, generator)
-
-
-def sample_dpm_solver(
-    v: Velocity, start: Tensor, steps: int, _generator: torch.Generator
-) -> Tensor:
-    """Return samples of x_0 by DPM-Solver++(2M) (Lu et al. 2022, algorithm 2), without noise.
-
-    x_s = sin(s) / sin(t) · x_t + cos(s) · (1 - e^-h) · D, where h is the step in
-    lambda = log(cot t), and D extrapolates the predicted x_0 over this step and the last one. The
-    first and the last step have no finite h and are of first order.
-    """
-    x, before, h_before = start, start, inf
-    for t, s in pairwise(_list_times(steps)):
-        h = _log_cot(s) - _log_cot(t)
-        x0 = cos(t) * x - sin(t) * v(x, _each(x, t))
-        slope = 0.5 * h / h_before if h < inf and h_before < inf else 0.0
-        straight = x0 + slope * (x0 - before)
-        left = sin(s) / sin(t)
-        x = left * x + (cos(s) - left * cos(t)) * straight
-        before, h_before = x0, h
-    return x
-
-
-SAMPLERS: dict[str, Sampler] = {
-    "ancestral": sample_ancestral,
-    "dpm_solver": sample_dpm_solver,
-    "ddpm": sample_ddpm,
-}
-
-
 def _each(x: Tensor, t: float) -> Tensor:
     return torch.full((len(x),), t, dtype=x.dtype, device=x.device)
-
-
-def _log_cot(t: float) -> float:
-    if t <= 0.0:
-        return inf
-    return -log(tan(t)) if t < pi / 2 else -inf
 
 
 TRUST_SAMPLES = 1024
@@ -189,18 +138,26 @@ class DiffusionModel:
     """
 
     @tensors.wrap_memory_errors()
-    def __init__(self, options: DiffusionOptions) -> None:
+    def __init__(self, settings: DifsSettings, horizon: int, channels: int, seed: int) -> None:
         # Several learners share a machine, and sums over threads would depend on their number.
         torch.set_num_threads(1)
-        self._options = options
-        self._device = _device(options.device)
-        with tensors.isolate_randomness(options.seed, 0):
+        self._settings = settings
+        self._shape = horizon, channels
+        self._jitter = settings.choose_jitter(horizon)
+        self._seed = seed
+        self._device = _device(settings.device)
+        with tensors.isolate_randomness(seed, 0):
             # On the CPU and then moved, so that the first weights are the same on every device.
-            denoiser = Denoiser(options.horizon, options.channels, options.width)
+            denoiser = Denoiser(horizon, channels, settings.width)
             self._denoiser = denoiser.to(self._device)
-        self.mixture = modes.make_prior_mixture(options.horizon * options.channels)
+        self.mixture = modes.make_prior_mixture(horizon * channels)
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
-        self._optimizer = _optimizer(self._denoiser, options)
+        self._optimizer = torch.optim.AdamW(
+            self._denoiser.parameters(),
+            lr=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            fused=True,
+        )
 
     @property
     def trained(self) -> bool:
@@ -217,7 +174,7 @@ class DiffusionModel:
         generator = self._make_generator(self._make_random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
         z, unseen = examples.z[examples.elite], examples.unseen[examples.elite]
-        elite = modes.prepare_elite(z, unseen, self._options.jitter)
+        elite = modes.prepare_elite(z, unseen, self._jitter)
         self.mixture = modes.fit_mixture(elite, examples.modes)
         given = self._make_tensors(examples)
         chances = self._make_tensor(weigh_elite(examples.elite))
@@ -258,12 +215,10 @@ class DiffusionModel:
             guided: Tensor = (1.0 + guidance) * self._average(x, angle, wanted, means)
             return guided
 
-        options = self._options
-        shape = len(condition), options.horizon, options.channels
+        shape = len(condition), *self._shape
         start = self._randn(shape, generator).flatten(1)
         with torch.no_grad():
-            sample = SAMPLERS[options.sampler]
-            x = sample(velocity, start, options.sampling_steps, generator)
+            x = sample_ancestral(velocity, start, self._settings.sampling_steps, generator)
         samples: Floats = x.cpu().numpy().reshape(shape)
         if not np.isfinite(samples).all():
             raise LearnerDiverged(
@@ -301,7 +256,7 @@ class DiffusionModel:
         averages: list[Tensor] = list(self._average.parameters())
         weights: list[Tensor] = list(self._denoiser.parameters())
         for _ in range(steps if len(given.z) else 0):
-            noised = self._add_noise(given, chances, self._options.batch_size, generator)
+            noised = self._add_noise(given, chances, self._settings.batch_size, generator)
             predicted = self._correct(self._denoiser, noised)
             # What the mixture explains is taken off: the network starts at the answer for a normal.
             loss = torch.nn.functional.mse_loss(predicted, noised.left)
@@ -310,7 +265,7 @@ class DiffusionModel:
             self._optimizer.step()
             with torch.no_grad():
                 # One call for all weights, which are many small tensors.
-                torch._foreach_lerp_(averages, weights, 1.0 - self._options.ema)
+                torch._foreach_lerp_(averages, weights, 1.0 - self._settings.ema)
 
     @staticmethod
     def _correct(network: Denoiser, noised: NoisedTrajectories) -> Tensor:
@@ -339,7 +294,7 @@ class DiffusionModel:
     ) -> NoisedTrajectories:
         """Draw, shift and diffuse trajectories; compute the velocity that the mean leaves."""
         rows = torch.multinomial(chances, count, replacement=True, generator=generator)
-        drawn, most = given.select(rows), self._options.jitter
+        drawn, most = given.select(rows), self._jitter
         size = (count, 1)
         by = torch.randint(-most, most + 1, size, generator=generator, device=self._device)
         z, unseen = shift_in_time(drawn.z, drawn.unseen, by)
@@ -358,7 +313,7 @@ class DiffusionModel:
         return Trajectories(self._make_tensor(examples.z), unseen, condition, means)
 
     def _make_random(self, draw: int) -> np.random.Generator:
-        return np.random.default_rng([self._options.seed, draw])
+        return np.random.default_rng([self._seed, draw])
 
     def _make_generator(self, random: np.random.Generator) -> torch.Generator:
         return torch.Generator(self._device).manual_seed(int(random.integers(2**63)))
@@ -368,15 +323,6 @@ class DiffusionModel:
 
     def _make_tensor(self, array: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.array(array, np.float32)).to(self._device)
-
-
-def _optimizer(denoiser: Denoiser, options: DiffusionOptions) -> torch.optim.AdamW:
-    return torch.optim.AdamW(
-        denoiser.parameters(),
-        lr=options.learning_rate,
-        weight_decay=options.weight_decay,
-        fused=True,
-    )
 
 
 def _device(name: str) -> torch.device:

@@ -14,23 +14,6 @@ from eigenfail.values.learning import Experience
 from eigenfail_services.methods.difs.modes import Rows
 
 
-class DiffusionOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Settings of the diffusion model; see `DifsSettings`."""
-
-    horizon: int
-    channels: int
-    width: int
-    learning_rate: float
-    weight_decay: float
-    batch_size: int
-    ema: float
-    jitter: int
-    sampler: str
-    sampling_steps: int
-    device: str
-    seed: int
-
-
 class Examples(msgspec.Struct, frozen=True, eq=False):
     """Training data.
 
@@ -158,14 +141,9 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ema: Annotated[
         float, msgspec.Meta(ge=0.0, lt=1.0, description="decay of the averaged weights")
     ] = 0.995
-    sampler: Annotated[
-        Literal["ancestral", "dpm_solver", "ddpm"],
-        msgspec.Meta(description="sampler of trajectories; ddpm takes 1000 steps"),
-    ] = "ancestral"
-    # The reference takes 1000 steps. Twenty cost a fiftieth, and `ancestral` stays exact for a
-    # normal.
+    # The reference takes 1000 steps. Twenty cost a fiftieth, and stay exact for a normal.
     sampling_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps of the other samplers")
+        int, msgspec.Meta(ge=1, le=10_000, description="steps in which a trajectory is sampled")
     ] = 20
     memory: Annotated[
         int, msgspec.Meta(ge=10, le=1_000_000, description="trajectories in memory")
@@ -179,22 +157,9 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         msgspec.Meta(description="earlier campaigns whose episodes are initial training data"),
     ] = ()
 
-    def options(self, horizon: int, channels: int, seed: int) -> DiffusionOptions:
-        """Return the options of the model."""
-        return DiffusionOptions(
-            horizon=horizon,
-            channels=channels,
-            width=self.width,
-            learning_rate=self.learning_rate,
-            weight_decay=self.weight_decay,
-            batch_size=self.batch_size,
-            ema=self.ema,
-            jitter=min(self.jitter, horizon // STEPS_PER_JITTER),
-            sampler=self.sampler,
-            sampling_steps=self.sampling_steps,
-            device=self.device,
-            seed=seed,
-        )
+    def choose_jitter(self, horizon: int) -> int:
+        """Return the largest shift in training, so small that an episode stays what it is."""
+        return min(self.jitter, horizon // STEPS_PER_JITTER)
 
 
 PATIENCE = 2
@@ -222,6 +187,7 @@ class TrialMemory:
     def add(self, results: Sequence[EpisodeResult]) -> None:
         """Add completed episodes."""
         for result in results:
+            # Without measures there is no robustness to sort by.
             if result.outcome is not Outcome.ERRORED and result.measures is not None:
                 steps = len(result.noise.z)
                 padded = np.zeros((1, *self.z.shape[1:]), np.float32)
