@@ -59,9 +59,10 @@ REPLACED = {
     "--seeds 5": "--seeds 2",
     "monte_carlo.toml --episodes 400": "monte_carlo.toml --episodes 40",
     "ast.toml --episodes 150": "ast.toml --episodes 40",
+    "ast.toml --episodes 300": "ast.toml --episodes 200",
 }
-SHARE = 4
-"""A campaign in a file that a page has its reader write runs a quarter of its episodes."""
+SHARE = 2
+"""A campaign in a file that a page has its reader write runs one episode of so many."""
 
 
 NO_KINDS = MappingProxyType({})
