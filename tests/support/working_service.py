@@ -10,11 +10,13 @@ from eigenfail.cli.main import app
 from eigenfail.client import Client
 from eigenfail.values.episode import EpisodeTask, PriorSource, TrajectorySource, episode_seed
 from eigenfail.values.records import Delivery
+from eigenfail.wire.http import encode
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_workers.planners.idm import IntelligentDriver
 
 
 class WorkingService(httpx2.BaseTransport):
@@ -46,9 +48,8 @@ class WorkingService(httpx2.BaseTransport):
             return
         first = campaign.counts.planned - campaign.counts.open
         last = min(first + self.episodes_at_once, campaign.spec.episodes)
-        engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
         tasks = [self.task(campaign, index) for index in range(first, last)]
-        results = [Delivery(result, "by hand") for result in engine.run(tasks)]
+        results = [Delivery(result, "by hand") for result in run_tasks(campaign.spec, tasks)]
         self.store.episodes.commit(campaign.id, results)
         self.store.campaigns.add_active(campaign.id, 0.5)
         if last == campaign.spec.episodes:
@@ -76,6 +77,22 @@ class WorkingService(httpx2.BaseTransport):
         if analysis.state != "queued":
             return
         run_analysis(self.store, analysis.id)
+
+
+remembered = {}
+
+
+def run_tasks(spec, tasks):
+    """Results of episodes; those of the world of most tests are the same each time, and kept."""
+    setup = spec.setup()
+    engine = plugins.load(plugins.ENGINES, "default")(setup)
+    if (spec.planner, spec.simulator) != ("idm", "point_mass"):
+        return list(engine.run(tasks))
+    # A test may put another planner's code in place.
+    key = (IntelligentDriver.act, encode(setup), encode(tasks))
+    if key not in remembered:
+        remembered[key] = list(engine.run(tasks))
+    return remembered[key]
 
 
 def run_command(service, *words):
