@@ -92,7 +92,7 @@ AFTER_DEMO = {
         r"[1-9]\d* of \d+ eigenfailures reproduced",
         r"Rate\(value=",
     ),
-    "docs/episodes.md": (r"2/\d+ +collision", r"\d m²/s²"),
+    "docs/episodes.md": (r"2/\d+ +collision", r"\] m²/s²"),
     "docs/analysis.md": (r"mode",),
     "docs/suites.md": (r"Planners on cut-in",),
     "docs/gate.md": (r"v1",),

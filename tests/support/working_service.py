@@ -1,6 +1,7 @@
 """A service without processes or a socket, for tests of commands."""
 
 import httpx2
+from campaigns_here import run_here
 from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
@@ -15,7 +16,6 @@ from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import learner_context
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.planners.idm import IntelligentDriver
 
 
@@ -37,15 +37,14 @@ class WorkingService(httpx2.BaseTransport):
 
     def work_on(self, campaign):
         moves = {"queued": "running", "pausing": "paused", "cancelling": "cancelled"}
-        if campaign.state in moves:
+        if (campaign.state, campaign.spec.method) == ("queued", "nearest"):
+            run_here(self.store, campaign.id)  # its episodes depend on those before
+        elif campaign.state in moves:
             self.store.campaigns.move(campaign.id, moves[campaign.state])
         elif campaign.state == "running":
             self.run_some(campaign)
 
     def run_some(self, campaign):
-        if campaign.spec.method == "nearest":
-            self.run_rounds(campaign)
-            return
         first = campaign.counts.planned - campaign.counts.open
         last = min(first + self.episodes_at_once, campaign.spec.episodes)
         tasks = [self.task(campaign, index) for index in range(first, last)]
@@ -54,17 +53,6 @@ class WorkingService(httpx2.BaseTransport):
         self.store.campaigns.add_active(campaign.id, 0.5)
         if last == campaign.spec.episodes:
             self.store.campaigns.move(campaign.id, "done")
-
-    def run_rounds(self, campaign):
-        """Run a campaign whose episodes depend on those before, at once."""
-        spec = campaign.spec
-        method = plugins.load(plugins.METHODS, spec.method)
-        learner = method(learner_context(campaign, self.store), method.Settings(**spec.settings))
-        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-        rounds = Rounds(learner, spec.seed, spec.episodes)
-        results = [Delivery(each, "by hand") for each in run_in_process(rounds, engine)]
-        self.store.episodes.commit(campaign.id, results)
-        self.store.campaigns.move(campaign.id, "done")
 
     def task(self, campaign, index):
         spec, source = campaign.spec, PriorSource()
