@@ -8,7 +8,7 @@ from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 
-def run_here(store, number, episodes=None, active_s=0.0):
+def run_here(store, number, episodes=None, active_s=0.0, because=""):
     """Run a queued campaign, or so many episodes of it, as the service does.
 
     Returns:
@@ -26,5 +26,5 @@ def run_here(store, number, episodes=None, active_s=0.0):
     store.checkpoints.save(number, rounds.checkpoint())
     store.campaigns.add_active(number, active_s)
     if count == spec.episodes:
-        store.campaigns.move(number, CampaignState.DONE, "The budget was spent.")
+        store.campaigns.move(number, CampaignState.DONE, because)
     return number
