@@ -19,6 +19,15 @@ sys.path += [
 # thread for every core spend ten times as long in K-means: idle threads of OpenMP wait in a loop.
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
+# Tests put doubles in place of functions, which compiled code calls directly: this process
+# interprets the episode loop. Processes that tests start have the compiled one, as in use, which
+# takes a third of the time. workers/test_compilation.py: both give the same results.
+if "EIGENFAIL_INTERPRETED" not in os.environ:
+    os.environ["EIGENFAIL_INTERPRETED"] = "1"
+    import eigenfail_workers  # noqa: F401 - it looks at the variable, once
+
+    del os.environ["EIGENFAIL_INTERPRETED"]
+
 import deadlines
 from postgresql import start_server
 
@@ -31,9 +40,6 @@ settings.load_profile("here")
 # Plug-ins of strangers and what tests share, for the processes that tests start as well.
 FOLDERS = [f"{Path(__file__).parent}/tests/{name}" for name in ("plugins", "support")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
-# Tests put doubles in place of functions, which compiled code calls directly. That compiled code
-# gives the same results is a test of its own: workers/test_compilation.py.
-os.environ.setdefault("EIGENFAIL_INTERPRETED", "1")
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_planes,eigenfail_sleeping"
 
 

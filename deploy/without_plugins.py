@@ -43,7 +43,6 @@ TESTS = (
     "tests/docs/test_cli_page.py",
     "tests/docs/test_documents.py",
     "tests/docs/test_episodes_page.py",
-    "tests/docs/test_figures.py",
     "tests/docs/test_noise_page.py",
     "tests/docs/test_plugins_page.py",
     "tests/docs/test_rest_page.py",

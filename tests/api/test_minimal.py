@@ -1,21 +1,18 @@
 """How little noise a failure needs, over HTTP, to clients and on the command line."""
 
 import html
+from functools import partial
 
 import pytest
+from campaigns_here import run_here
 from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
-from eigenfail import plugins
 from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app as commands
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, NotFound
-from eigenfail.settings import read_settings
 from eigenfail.values.episode import Outcome
-from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns.references import learner_context
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 
 @pytest.fixture
@@ -26,21 +23,7 @@ def client(app):
 @pytest.fixture
 def finish(store):
     """Runs a campaign here, to its end."""
-
-    def run(number):
-        campaign = store.campaigns.move(number, "running")
-        spec = campaign.spec
-        method = plugins.load(plugins.METHODS, spec.method)
-        settings = read_settings(method.Settings, spec.settings, "settings")
-        rounds = Rounds(method(learner_context(campaign, store), settings), 0, spec.episodes)
-        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-        for result in run_in_process(rounds, engine):
-            store.episodes.commit(number, [Delivery(result, "w")])
-        store.checkpoints.save(number, rounds.checkpoint())
-        store.campaigns.move(number, "done")
-        return number
-
-    return run
+    return partial(run_here, store)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ longer than the limit take seconds.
 
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
@@ -64,10 +64,11 @@ LINES = {
 BEFALLS = {"cut": {"cut"}, "mute": {"mute"}, "slow": set()}
 """What must have happened by then, or the test shows nothing."""
 
-CARRIAGES = {
-    "2 %": Carriage(lost=0.02, doubled=0.02, late=0.02, late_s=0.5),
-    "20 %": Carriage(lost=0.2, doubled=0.2, late=0.2, late_s=0.5),
-}
+CARRIAGES = (
+    Carriage(lost=0.02, doubled=0.02, late=0.02, late_s=0.5),
+    Carriage(lost=0.2, doubled=0.2, late=0.2, late_s=0.5),
+)
+KINDS = len(("lost", "doubled", "late"))
 
 
 @pytest.fixture(scope="module")
@@ -91,25 +92,32 @@ def calm(service: Service) -> str:
         return service.run(**AST)
 
 
+@pytest.fixture(scope="module")
+def crew_line(service: Service, calm: str) -> Iterator[Proxy]:
+    """The line of two workers, which are the same in all tests that change nothing but the line."""
+    with closing(Proxy(service.hub.address, SEED)) as line, ExitStack() as stack:
+        for number in range(WORKERS):
+            stack.enter_context(worker_at(line.address, f"w{number}"))
+        yield line
+
+
 @pytest.fixture
-def manned(service: Service, calm: str) -> Iterator[Callable[[str], None]]:
-    """Lets workers serve that connect to an address; sees to it that all is well in the end."""
-    service.crew(0)
-    with ExitStack() as stack:
-
-        def man(address: str) -> None:
-            for number in range(WORKERS):
-                stack.enter_context(worker_at(address, f"w{number}"))
-            service.crew(WORKERS)
-
-        yield man
+def proxy(service: Service, crew_line: Proxy) -> Iterator[Proxy]:
+    """The line of the crew, which is good to begin with; all is well in the end."""
+    service.crew(WORKERS)
+    crew_line.befell.clear()
+    yield crew_line
+    crew_line.line = Line()
     assert reader.read(service.url).complaints == ()
 
 
 @pytest.fixture
-def proxy(service: Service) -> Iterator[Proxy]:
-    with closing(Proxy(service.hub.address, SEED)) as line:
-        yield line
+def alone(service: Service, crew_line: Proxy) -> Iterator[None]:
+    """Keeps the crew out, so that the test's own workers do all that is done."""
+    with crew_line.severed():
+        service.crew(0)
+        yield
+    assert reader.read(service.url).complaints == ()
 
 
 @pytest.mark.fault("worker connection cut")
@@ -119,8 +127,7 @@ def proxy(service: Service) -> Iterator[Proxy]:
     outcome="The worker stays connected; the campaign keeps its digest.",
 )
 @pytest.mark.parametrize("kind", LINES)
-def test_a_bad_line_changes_no_episode(service, calm, proxy, manned, kind) -> None:
-    manned(proxy.address)
+def test_a_bad_line_changes_no_episode(service, calm, proxy, kind) -> None:
     proxy.line = LINES[kind]
     campaign = service.begin(**AST)
     service.until(lambda: BEFALLS[kind] <= set(+proxy.befell), "the line is too good")
@@ -133,10 +140,7 @@ def test_a_bad_line_changes_no_episode(service, calm, proxy, manned, kind) -> No
     outcome="The same as an unavailable connection; the campaign keeps its digest.",
 )
 @pytest.mark.parametrize("way", Way)
-def test_one_direction_may_be_silent_for_longer_than_the_limit(
-    service, calm, proxy, manned, way
-) -> None:
-    manned(proxy.address)
+def test_one_direction_may_be_silent_for_longer_than_the_limit(service, calm, proxy, way) -> None:
     campaign = begun(service)
     with proxy.muted(way):
         service.crew(0)
@@ -156,8 +160,7 @@ def begun(service: Service) -> int:
     outcome="After 10 s its episodes go to others; the worker returns when the connection "
     "does, and brings its results.",
 )
-def test_a_line_that_is_gone_for_longer_than_the_limit(service, calm, proxy, manned) -> None:
-    manned(proxy.address)
+def test_a_line_that_is_gone_for_longer_than_the_limit(service, calm, proxy) -> None:
     campaign = begun(service)
     with proxy.severed():
         service.crew(0)
@@ -175,17 +178,18 @@ def forwarder(service: Service) -> Iterator[Forwarder]:
     group="messages",
     outcome="They are sent or leased again; one in five of each kind changes no episode.",
 )
-@pytest.mark.parametrize("share", CARRIAGES)
-def test_lost_doubled_and_late_messages_change_no_episode(
-    service, calm, forwarder, manned, share
-) -> None:
-    manned(forwarder.address)
-    forwarder.carriage = CARRIAGES[share]
-    campaign = service.begin(**AST)
-    all_kinds = {"lost", "doubled", "late"}
-    service.until(lambda: set(+forwarder.befell) == all_kinds, "the carrier is too good")
-    assert service.finish(campaign) == calm
-    forwarder.carriage = Carriage()
+def test_lost_doubled_and_late_messages_change_no_episode(service, calm, alone, forwarder) -> None:
+    with ExitStack() as stack:
+        for number in range(WORKERS):
+            stack.enter_context(worker_at(forwarder.address, f"f{number}"))
+        service.crew(WORKERS)
+        for carriage in CARRIAGES:
+            forwarder.befell.clear()
+            forwarder.carriage = carriage
+            campaign = service.begin(**AST)
+            service.until(lambda: len(+forwarder.befell) == KINDS, "the carrier is too good")
+            assert service.finish(campaign) == calm
+        forwarder.carriage = Carriage()
 
 
 @pytest.mark.fault(
@@ -193,8 +197,7 @@ def test_lost_doubled_and_late_messages_change_no_episode(
     group="messages",
     outcome="Both work: the hub tells workers apart by process and connection.",
 )
-def test_two_workers_with_one_name_both_work(service, calm) -> None:
-    service.crew(0)
+def test_two_workers_with_one_name_both_work(service, calm, alone) -> None:
     with worker_at(service.hub.address, "same"), worker_at(service.hub.address, "same"):
         service.crew(2)
         assert service.hub.workers() == ["same", "same"]
@@ -207,8 +210,7 @@ def test_two_workers_with_one_name_both_work(service, calm) -> None:
     outcome="After 20 unanswered heartbeats the worker connects again, as behind a firewall "
     "that dropped the connection from its table.",
 )
-def test_a_line_that_is_dead_and_does_not_end_is_made_anew(service, calm, proxy, manned) -> None:
-    manned(proxy.address)
+def test_a_line_that_is_dead_and_does_not_end_is_made_anew(service, calm, proxy) -> None:
     campaign = begun(service)
     proxy.lose()
     assert service.finish(campaign) == calm
@@ -274,8 +276,7 @@ def is_closed(peer: socket.socket) -> bool:
     group="messages",
     outcome="ZeroMQ closes its connection, and no other.",
 )
-def test_a_frame_that_is_too_large_costs_its_connection_alone(service, calm, manned) -> None:
-    manned(service.hub.address)
+def test_a_frame_that_is_too_large_costs_its_connection_alone(service, calm, proxy) -> None:
     campaign = begun(service)
     with (
         knock(service, GREETING, READY, LONG_FRAME, LARGEST) as allowed,
@@ -322,8 +323,7 @@ def resident_bytes() -> int:
     group="messages",
     outcome="The hub keeps nothing of them.",
 )
-def test_a_thousand_who_connect_and_go_leave_nothing_behind(service, calm, manned) -> None:
-    manned(service.hub.address)
+def test_a_thousand_who_connect_and_go_leave_nothing_behind(service, calm, proxy) -> None:
     before = handles()
     campaign = begun(service)
     for number in range(KNOCKS):
@@ -352,28 +352,29 @@ NARROW_AST = AST | {"episodes": 12, "settings": {"round_size": 6, "hidden": (150
     outcome="Policies and results arrive in pieces, each a sign of life; same digests.",
 )
 def test_a_line_that_takes_long_over_one_policy_changes_no_episode(service, proxy) -> None:
-    service.crew(0)
-    with worker_at(service.hub.address, "calm"):
-        calm = service.run(**NARROW_AST)
-    service.crew(0)
-    with worker_at(proxy.address, "narrow"):
-        service.crew(1)
-        proxy.line = Line(bytes_per_s=NARROW_BYTES_PER_S)
-        came = len(proxy._connections)
-        assert service.run(**NARROW_AST) == calm
-        assert len(proxy._connections) == came, "the line was given up"
-    assert reader.read(service.url).complaints == ()
+    calm = service.run(**NARROW_AST)
+    came = len(proxy._connections)
+    proxy.line = Line(bytes_per_s=NARROW_BYTES_PER_S)
+    assert service.run(**NARROW_AST) == calm
+    assert len(proxy._connections) == came, "the line was given up"
+
+
+@pytest.fixture
+def narrow(service: Service) -> Iterator[Proxy]:
+    with closing(Proxy(service.hub.address, SEED)) as line:
+        yield line
 
 
 @pytest.mark.fault("line of 8 kbit/s")
-def test_a_worker_that_takes_long_to_bring_one_result_is_not_given_up(service, proxy) -> None:
-    service.crew(0)
+def test_a_worker_that_takes_long_to_bring_one_result_is_not_given_up(
+    service, alone, narrow
+) -> None:
     scene = Scene(0.1, *(np.zeros((n, 2, 4), np.float32) for n in (3_001, 1, 3_000, 3_000)))
     long = replace(brought_by(0), scene=scene)
-    link = HubConnection(proxy.address)
+    link = HubConnection(narrow.address)
     link.send(Hello(PROTOCOL, "narrow", 0, life="narrow"))
     service.crew(1)
-    proxy.line = Line(bytes_per_s=NARROW_BYTES_PER_S)
+    narrow.line = Line(bytes_per_s=NARROW_BYTES_PER_S)
     link.send(Results(10**6, (long,)))
     answers: list[HubMessage] = []
 

@@ -40,7 +40,7 @@ def render_signals():
         for name, signal in SIGNALS.items()
     ]
     header = ("signal", "what it is", "unit", "where there is none", "needs")
-    return f"<!-- by definition -->\n{_render_table(header, rows)}"
+    return _render_table(header, rows)
 
 
 def _render_table(header, rows):

@@ -91,7 +91,7 @@ AFTER_DEMO = {
         r"[1-9]\d* of \d+ eigenfailures reproduced",
         r"Rate\(value=",
     ),
-    "docs/episodes.md": (r"2/\d+ +collision",),
+    "docs/episodes.md": (r"2/\d+ +collision", r"\] m²/s²"),
     "docs/analysis.md": (r"mode",),
     "docs/suites.md": (r"Planners on cut-in",),
     "docs/gate.md": (r"v1",),
@@ -114,7 +114,7 @@ def demo(tmp_path_factory):
         here.type("export EIGENFAIL_DATA=demo-data")
         here.run("eigenfail run examples/monte_carlo.toml --episodes 20")
         here.run("eigenfail run examples/ast.toml --episodes 150")
-        here.run("eigenfail run examples/difs.toml --episodes 100")
+        here.run("eigenfail run examples/difs.toml --episodes 60")
         yield here
 
 

@@ -50,11 +50,6 @@ def test_every_error_has_an_entry_that_is_true(root):
             assert int(entry["status"]) == kinds[name].http_status
 
 
-def test_every_entry_says_what_to_do(root):
-    for part in page(root, "troubleshooting").split("\n### ")[1:]:
-        assert len(part.split("\n", 1)[1].split("\n## ")[0].split()) > 10, part
-
-
 def test_every_status_without_a_type_has_an_entry(root):
     table = page(root, "troubleshooting").split("## Problems without a type")[1].split("\n## ")[0]
     told = {int(row[0]) for row in rows(table) if row[0].isdecimal()}
@@ -109,18 +104,6 @@ def test_every_environment_variable_of_the_code_is_told(root):
     assert [name for name in sorted(names) if f"`{name}`" not in text] == []
 
 
-def test_the_index_names_every_document(root):
-    text = page(root, "README")
-    names = {file.name for file in (root / "docs").glob("*.md")} - {"README.md"}
-    assert {name for name in names if f"]({name})" not in text} == set()
-
-
-def test_the_glossary_has_every_word_of_the_lists(root):
-    words = {row[0] for row in rows(page(root, "concepts"))}
-    wanted = {"campaign", "suite", "method", "learner", "round", "episode", "scenario", "planner"}
-    assert wanted | {"ego", "actor", "eigenfailure", "severity", "robustness", "digest"} <= words
-
-
 def test_links_into_a_document_meet_a_heading(root):
     for file in (root / "docs").glob("*.md"):
         for name, anchor in re.findall(r"\]\(([\w.]*)#([\w-]+)\)", file.read_text()):
@@ -162,18 +145,17 @@ def test_the_site_is_built_and_asks_no_other_machine(root, tmp_path):
     assert (tmp_path / "source/examples/my_planner.py").exists()
 
 
-@pytest.mark.parametrize(
-    "line", ["[x](nowhere.md)", "[x](faq.md#nowhere)", "[x](../examples/nowhere.toml)"]
-)
-def test_a_link_that_leads_nowhere_breaks_the_site(root, tmp_path, line):
+def test_links_that_lead_nowhere_break_the_site(root, tmp_path):
     golden = "workers/eigenfail_workers/bridge/golden"
-    for name in ("docs", "deploy", "mkdocs.yml", "examples", golden):
+    for name in ("deploy", "mkdocs.yml", "examples", golden):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).symlink_to(root / name)
-    (tmp_path / "docs").unlink()
     shutil.copytree(root / "docs", tmp_path / "docs")
+    targets = ("nowhere.md", "faq.md#nowhere", "../examples/nowhere.toml")
     with (tmp_path / "docs" / "faq.md").open("a") as page:
-        page.write(f"\n{line}\n")
+        page.write("".join(f"\n[x]({target})\n" for target in targets))
     built = build_site(tmp_path, tmp_path / "site")
     assert built.returncode == 1
-    assert "nowhere" in built.stderr
+    # The link to a source is one below `source` by then.
+    names = [target.rpartition("/")[2] for target in targets]
+    assert [name for name in names if name not in built.stderr] == [], built.stderr

@@ -2,7 +2,6 @@
 
 import json
 import re
-import tomllib
 from pathlib import Path
 
 import msgspec
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eigenfail import plugins
 from eigenfail.cli.main import app
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InvalidValue
@@ -25,26 +23,10 @@ PROJECT, CAMPAIGN = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.
 UNDISTURBED = TrajectorySource(np.zeros((0, 2), np.float32))
 
 
-def forget():
-    plugins.list_entry_points.cache_clear()
-    plugins.load.cache_clear()
-
-
 @pytest.fixture
-def installed(tmp_path, monkeypatch):
+def installed(install):
     """The example as the page's pyproject.toml installs it."""
-    groups = tomllib.loads(PROJECT)["project"]["entry-points"]
-    lines = [f"[{g}]\n{name} = {place}" for g, own in groups.items() for name, place in own.items()]
-    record = tmp_path / "my_planner-0.1.dist-info"
-    record.mkdir()
-    (record / "METADATA").write_text("Metadata-Version: 2.1\nName: my-planner\nVersion: 0.1\n")
-    (record / "entry_points.txt").write_text("\n".join(lines))
-    monkeypatch.syspath_prepend(ROOT / "examples")
-    monkeypatch.syspath_prepend(tmp_path)
-    forget()
-    yield
-    monkeypatch.undo()
-    forget()
+    install(PROJECT)
 
 
 @pytest.fixture

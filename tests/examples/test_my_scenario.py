@@ -3,7 +3,6 @@
 import json
 import re
 import sys
-import tomllib
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
-from eigenfail import plugins
 from eigenfail.cli.main import app
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError
@@ -32,11 +30,6 @@ UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
 FEWER_LEVELS = {"spacing_m": (5.0,), "cars": (1, 3)}
 
 
-def forget():
-    plugins.list_entry_points.cache_clear()
-    plugins.load.cache_clear()
-
-
 @pytest.fixture
 def mine(monkeypatch):
     """The module, imported as somebody does who works beside it."""
@@ -46,19 +39,9 @@ def mine(monkeypatch):
 
 
 @pytest.fixture
-def installed(mine, tmp_path, monkeypatch):
+def installed(install, mine):
     """The example as the page's pyproject.toml installs it."""
-    groups = tomllib.loads(PROJECT)["project"]["entry-points"]
-    lines = [f"[{g}]\n{name} = {place}" for g, own in groups.items() for name, place in own.items()]
-    record = tmp_path / "my_scenario-0.1.dist-info"
-    record.mkdir()
-    (record / "METADATA").write_text("Metadata-Version: 2.1\nName: my-scenario\nVersion: 0.1\n")
-    (record / "entry_points.txt").write_text("\n".join(lines))
-    monkeypatch.syspath_prepend(tmp_path)
-    forget()
-    yield
-    monkeypatch.undo()
-    forget()
+    install(PROJECT)
 
 
 @pytest.fixture

@@ -2,14 +2,13 @@
 
 The shell stands in a copy of what a reader has cloned. A second terminal, in which a page says to
 start a service, is a process in the background. What a page writes to a file, by the file's name in
-the first line of a block, is written. Only four things differ from what a reader types: the port
-of a service or bridge; who starts the one worker, which is Ray on one page and the test on the
-others; an episode whose line says "a number from the list", which is the first that a line before
-has listed; and budgets: 8 episodes instead of the 200 of the suites and the gate, one distance
-instead of the three of a suite, two seeds instead of five, 40 episodes instead of 400 of Monte
-Carlo and of AST where a line states none, half of those of a campaign in a file that a page has
-its reader write, 3 episodes instead of the 20 that are replayed in a check of a database, and, but
-for the quickstart, one gradient step of AST for each decision.
+the first line of a block, is written. These things differ from what a reader types:
+
+- the port of a service or bridge
+- who starts the one worker: Ray on one page and the test on the others
+- `eigenfail` is warm_command.py's, except on pages that activate the environment
+- an episode whose line says "a number from the list" is the first that a line before has listed
+- budgets, as REPLACED, CHEAPER (but for the quickstart) and SHARE say
 """
 
 import os
@@ -28,6 +27,7 @@ from types import MappingProxyType
 
 import deadlines
 import msgspec
+from warm_command import find_warm_command
 
 from eigenfail.cli.specs import check_plugins
 from eigenfail.hosting.folder import DataFolder
@@ -58,7 +58,12 @@ REPLACED = {
     "--replay 20": "--replay 3",
     "--seeds 5": "--seeds 2",
     "monte_carlo.toml --episodes 400": "monte_carlo.toml --episodes 40",
+    "ast.toml --episodes 150": "ast.toml --episodes 40",
+    "ast.toml --episodes 300": "ast.toml --episodes 200",
 }
+SHARE = 2
+"""A campaign in a file that a page has its reader write runs one episode of so many."""
+
 
 NO_KINDS = MappingProxyType({})
 EXECUTED = {"sh", "python", "toml", "html"}
@@ -103,7 +108,8 @@ class Shell:
         self._bridge, self._services, self._data = free_port(), [], None
         environment = {
             **{name: value for name, value in os.environ.items() if "EIGENFAIL" not in name},
-            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+            # A page that activates the environment, as the quickstart does, has the program itself.
+            "PATH": f"{find_warm_command()}:{Path(sys.executable).parent}:{os.environ['PATH']}",
             "PYTHONPATH": str(site),
             "COLUMNS": "200",
         }
@@ -200,7 +206,7 @@ class Shell:
 
     def write(self, name, text):
         """Put a block into the file that its first line names, in the folder of the shell."""
-        text = EPISODES.sub(lambda found: str(int(found[0]) // 2), text)
+        text = EPISODES.sub(lambda found: str(int(found[0]) // SHARE), text)
         file = Path(self.type("pwd").strip()) / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)

@@ -2,13 +2,16 @@
 
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import deadlines
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from warm_command import find_warm_command
 
 from eigenfail import bridges, plugins
 from eigenfail.cli.specs import read_spec
@@ -60,6 +63,11 @@ def start(tmp_path) -> Iterator[Callable[..., Started]]:
         address = f"ipc://{tmp_path}/b{len(started)}"
         words = [*map(str, command), address]
         program = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + deadlines.PROCESS_S
+        # Whoever connects waits 10 s for an answer, and imports alone may take longer.
+        while not Path(address.removeprefix("ipc://")).exists() and program.poll() is None:
+            assert time.monotonic() < deadline, "it does not listen"
+            time.sleep(0.02)
         started.append(Started(program, address))
         return started[-1]
 
@@ -107,23 +115,13 @@ def search(engine) -> Callable[..., list[EpisodeResult]]:
 
 
 @pytest.fixture
-def check_bridge(eigenfail_command) -> Callable[[str], None]:
+def check_bridge() -> Callable[[str], None]:
     """Holds a bridge against its protocol, as its author would."""
 
     def check(address: str) -> None:
-        told = eigenfail_command("doctor", "--bridge", address)
+        command = [Path(find_warm_command(), "eigenfail"), "doctor", "--bridge", address]
+        told = subprocess.run(command, capture_output=True, text=True, check=False)
         assert told.returncode == 0, told.stdout + told.stderr
         assert "broken" not in told.stdout
 
     return check
-
-
-@pytest.fixture
-def eigenfail_command() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Runs the command line."""
-    program = Path(sys.executable).with_name("eigenfail")
-
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([program, *words], capture_output=True, text=True, check=False)
-
-    return run

@@ -274,7 +274,7 @@ def test_missed_detections_make_the_example_collide(compiled, start, engine) -> 
     """The campaign of the bridge in JavaScript fits, whose scenario and planner are the same."""
     address = start(compiled(BRIDGES / "cpp" / "main.cpp")).address
     spec = read_spec(BRIDGES / "javascript" / "campaign.toml")
-    tasks = [EpisodeTask(i, episode_seed(1, i), PriorSource()) for i in range(100)]
+    tasks = [EpisodeTask(i, episode_seed(1, i), PriorSource()) for i in range(40)]
     results = list(engine(spec, address).run(tasks))
     assert [each.fault for each in results] == [None] * len(tasks)
     missed = [each.noise.injected[:, 2].sum() for each in results]

@@ -7,6 +7,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from campaigns_here import run_here
 from store_checks.examples import name_channels, running
 
 from eigenfail import plugins
@@ -14,13 +15,11 @@ from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.process_state import ProcessState
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.analysis import AnalysisSettings
-from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import Channel
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.learning import LearnerContext
 from eigenfail.values.proof import ExplainedEpisode, ExplainedStep, NearestFailure
-from eigenfail.values.records import Delivery
 from eigenfail.values.shapes import Correlated, HeavyTailed
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns import explanations as words_module
@@ -33,7 +32,7 @@ from eigenfail_services.campaigns.proofs import (
     read_drawn,
     summarise_proof,
 )
-from eigenfail_services.campaigns.references import check_references, learner_context
+from eigenfail_services.campaigns.references import check_references
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
@@ -57,19 +56,8 @@ class House:
         check_references(resolve_campaign(spec), self.store)
         return self.store.campaigns.create(spec).id
 
-    def finish(self, number: int, episodes: int | None = None) -> int:
-        campaign = self.store.campaigns.move(number, CampaignState.RUNNING)
-        spec = campaign.spec
-        method = plugins.load(plugins.METHODS, spec.method)
-        settings = method.Settings(**spec.settings)
-        learner = method(learner_context(campaign, self.store), settings)
-        rounds = Rounds(learner, spec.seed, episodes or spec.episodes)
-        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-        for result in run_in_process(rounds, engine):
-            self.store.episodes.commit(number, [Delivery(result, "w")])
-        self.store.checkpoints.save(number, rounds.checkpoint())
-        self.store.campaigns.move(number, CampaignState.DONE)
-        return number
+    def finish(self, number: int) -> int:
+        return run_here(self.store, number)
 
     def run(self, **fields) -> int:
         return self.finish(self.create(**fields))

@@ -1,22 +1,18 @@
 """A store with small real campaigns, and reports on them."""
 
 from collections.abc import Callable
+from functools import partial
 from html.parser import HTMLParser
 from typing import Any
 
 import pytest
+from campaigns_here import run_here
 
-from eigenfail import plugins
-from eigenfail.settings import read_settings
 from eigenfail.values.analysis import AnalysisSettings
-from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail.values.records import Delivery
 from eigenfail_reports.report import Made, make
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.references import learner_context
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.store import Store, open_store
 
 EPISODES = 24
@@ -63,24 +59,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="session")
 def finish() -> Callable[..., int]:
     """Runs a campaign, or so many episodes of it, as the service does; its id."""
-
-    def run(store: Store, number: int, episodes: int | None = None) -> int:
-        campaign = store.campaigns.move(number, CampaignState.RUNNING)
-        spec = campaign.spec
-        count = spec.episodes if episodes is None else episodes
-        method = plugins.load(plugins.METHODS, spec.method)
-        settings = read_settings(method.Settings, spec.settings, "settings")
-        rounds = Rounds(method(learner_context(campaign, store), settings), spec.seed, count)
-        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-        results = run_in_process(rounds, engine) if count else ()
-        store.episodes.commit(number, [Delivery(result, "by hand") for result in results])
-        store.checkpoints.save(number, rounds.checkpoint())
-        store.campaigns.add_active(number, 36.0)
-        if count == spec.episodes:
-            store.campaigns.move(number, CampaignState.DONE, "The budget was spent.")
-        return number
-
-    return run
+    return partial(run_here, active_s=36.0, because="The budget was spent.")
 
 
 @pytest.fixture(scope="session")

@@ -2,15 +2,11 @@
 
 import json
 
+from campaigns_here import run_here
 from msgspec.structs import replace
 
-from eigenfail import plugins
 from eigenfail.client.campaigns import Campaigns
-from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
-from eigenfail_services.campaigns.references import learner_context
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.minimal import Minimal
 
 
 def shrunk(store, was):
@@ -19,16 +15,7 @@ def shrunk(store, was):
     settings = {"campaign": campaign, "episode": index}
     fields = {"method": "minimal", "settings": settings, "episodes": 60, "name": "shrunk"}
     spec = replace(store.campaigns.get(campaign).spec, **fields)
-    number = store.campaigns.create(spec).id
-    running = store.campaigns.move(number, "running")
-    learner = Minimal(learner_context(running, store), Minimal.Settings(**settings))
-    rounds = Rounds(learner, spec.seed, spec.episodes)
-    engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-    for result in run_in_process(rounds, engine):
-        store.episodes.commit(number, [Delivery(result, "by hand")])
-    store.checkpoints.save(number, rounds.checkpoint())
-    store.campaigns.move(number, "done")
-    return number
+    return run_here(store, store.campaigns.create(spec).id)
 
 
 def medoid_of(baseline):
