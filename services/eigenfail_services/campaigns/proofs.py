@@ -23,8 +23,7 @@ from eigenfail.values.proof import (
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.resolution import is_distribution, list_drawn
-from eigenfail_services.campaigns.validation import check_spec
+from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_drawn
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate

@@ -21,7 +21,8 @@ from eigenfail.values.episode import Outcome, learner_seed
 from eigenfail.values.learning import Experience, LearnerContext, Predecessor
 from eigenfail.values.proof import ReplayKind
 from eigenfail.worlds import list_channels, world_of
-from eigenfail_services.campaigns.resolution import (
+from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.campaigns.validation import (
     ResolvedCampaign,
     ResolvedMethod,
     check_estimates,
@@ -29,7 +30,6 @@ from eigenfail_services.campaigns.resolution import (
     resolve_campaign,
     resolve_method,
 )
-from eigenfail_services.campaigns.rounds import read_checkpoint
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store

@@ -1,4 +1,4 @@
-"""Figures of one campaign: its row in result tables, safety, course, workers, and newest policy."""
+"""Figures of one campaign: result row, safety, course, workers, newest policy, chain mixing."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -6,12 +6,13 @@ from functools import lru_cache
 import msgspec
 import structlog
 
-from eigenfail.errors import InputError, NotFound
+from eigenfail import plugins
+from eigenfail.errors import Conflict, InputError, NotFound
 from eigenfail.methods import NarrowCampaign, find_narrow_campaigns
 from eigenfail.presentation.rates import explain_design
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.estimates import Cost, Rate
+from eigenfail.values.estimates import ChainMixing, Cost, Rate
 from eigenfail.values.learning import Policy
 from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
 from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
@@ -21,10 +22,10 @@ from eigenfail.worlds import world_of
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.resolution import find_searching, resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.campaigns.validation import find_searching, resolve_method
 from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
-from eigenfail_services.methods import describe_reach
+from eigenfail_services.methods import Mixing, describe_reach
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.errors import make_episode_error
@@ -321,3 +322,30 @@ def find_newest_policy(store: Store, campaign: Campaign) -> Policy:
             "A policy is what 'ast' trains; it is there once the first round is in.",
         )
     return policy
+
+
+def find_chain_mixing(store: Store, campaign: Campaign) -> ChainMixing:
+    """Return how far the chains of a campaign have mixed.
+
+    Raises:
+        Conflict: the campaign is one of a method that has no chains or is not installed, or it has
+            not finished a round.
+        InvalidValue: the method cannot be loaded.
+        ProtocolError: its checkpoint cannot be read.
+    """
+    name = campaign.spec.method
+    # A campaign outlives the package of its method, and its page still shows everything else.
+    if name not in plugins.names(plugins.METHODS):
+        problem = f"Campaign {campaign.id} is one of {name}, which is not installed here."
+        raise Conflict(problem, "Install the package of the method where the service runs.")
+    method = plugins.load(plugins.METHODS, name)
+    if not isinstance(method, Mixing):
+        problem = f"Campaign {campaign.id} is one of {name}, which has no chains."
+        raise Conflict(problem, "Launch one of chains that starts from its failures.")
+    checkpoint = store.checkpoints.load(campaign.id)
+    state = read_checkpoint(checkpoint).learner if checkpoint else None
+    found = None if state is None else method.judge_mixing(campaign, state)
+    if found is None:
+        problem = f"No chain of campaign {campaign.id} has started. {campaign.stopped_because}"
+        raise Conflict(problem.strip(), "Its first round runs the starts.")
+    return found

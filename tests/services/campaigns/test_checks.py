@@ -10,8 +10,7 @@ from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import MAX_DEPTH
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail_services.campaigns.resolution import fill_defaults, resolve_campaign
-from eigenfail_services.campaigns.validation import check_spec
+from eigenfail_services.campaigns.validation import check_spec, fill_defaults, resolve_campaign
 
 GOOD = CampaignSpec(
     name="first", method="monte_carlo", episodes=10, planner="idm", simulator="point_mass"

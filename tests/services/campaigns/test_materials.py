@@ -34,10 +34,10 @@ from eigenfail_services.campaigns.references import (
     leave_out_births,
     read_experience,
 )
-from eigenfail_services.campaigns.resolution import (
+from eigenfail_services.campaigns.rounds import run_in_process
+from eigenfail_services.campaigns.validation import (
     resolve_campaign,
 )
-from eigenfail_services.campaigns.rounds import run_in_process
 from eigenfail_services.hub.learner_process import create_rounds
 from eigenfail_services.store import open_store
 

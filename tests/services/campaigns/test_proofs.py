@@ -34,8 +34,8 @@ from eigenfail_services.campaigns.proofs import (
     summarise_proof,
 )
 from eigenfail_services.campaigns.references import check_references, learner_context
-from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.campaigns.validation import resolve_campaign
 from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
 from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
 from eigenfail_services.methods.nearest import mix_noise

@@ -17,7 +17,7 @@ from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import check_references, read_experience
-from eigenfail_services.campaigns.resolution import resolve_campaign
+from eigenfail_services.campaigns.validation import resolve_campaign
 from eigenfail_services.comparison.comparability import pair_episodes
 from eigenfail_services.export_formats import make_export_source, write_parquet
 from eigenfail_services.store import Store, open_store
