@@ -17,6 +17,7 @@ from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import requirements, signals
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import (
     ALL_CHANNELS,
@@ -500,6 +501,17 @@ WORLDS: Mapping[str, CampaignWorld] = {
 def world_of(simulator: str) -> CampaignWorld:
     """Return the world of a simulator; plug-ins, installed here or not, share one."""
     return WORLDS.get(simulator, PLUGIN_WORLD)
+
+
+def find_form(spec: CampaignSpec) -> EpisodeForm:
+    """Return the length and the channels of a campaign's full episodes.
+
+    Raises:
+        UnknownName: no such scenario, or it has no such parameter or distribution.
+        InvalidValue: a parameter, or an end of its distribution, outside its bounds.
+    """
+    world = world_of(spec.simulator)
+    return EpisodeForm(world.horizon(spec), world.step_s(spec), world.channels(spec))
 
 
 def list_channels(spec: CampaignSpec) -> tuple[str, ...]:

@@ -151,7 +151,7 @@ def make_analysis_view(
     """
     result, campaign = analysis.result, campaigns[0]
     world = world_of(campaign.spec.simulator)
-    words = ", ".join(describe_settings(analysis.settings, world.channels(campaign.spec)))
+    words = ", ".join(describe_settings(analysis.settings, campaign.form.channels))
     view: dict[str, object] = {
         "analysis": analysis,
         "settings": words[0].upper() + words[1:],
@@ -162,7 +162,7 @@ def make_analysis_view(
     if result is None or proof is None:
         return view
     unit = find_robustness_unit(campaign.spec)
-    step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
+    step_s = campaign.form.step_s if analysis.settings.align == "collision" else None
     is_whole = not leaves_early_out(analysis.settings, campaigns)
     return view | {
         "result": result,

@@ -468,7 +468,7 @@ def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> C
         InvalidValue: a parameter outside its bounds, or one that makes other channels of noise.
     """
     checked = check_spec(replay)
-    if checked.channels != list_channels(analysed):
+    if checked.form.channels != list_channels(analysed):
         problem = "are not those of the noise that was analysed."
         raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
     return checked.spec

@@ -1,9 +1,7 @@
 """Figures of one campaign: result row, safety, course, workers, newest policy, chain mixing."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
-import msgspec
 import structlog
 
 from eigenfail import plugins
@@ -11,14 +9,12 @@ from eigenfail.errors import Conflict, InputError, NotFound
 from eigenfail.methods import NarrowCampaign, find_narrow_campaigns
 from eigenfail.presentation.rates import explain_design
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
-from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import ChainMixing, Cost, Rate
 from eigenfail.values.learning import Policy
 from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
 from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
 from eigenfail.values.safety import TAIL_LEVEL, Safety
 from eigenfail.values.summary import Conflicts, Course, Errored, MeanTime, Summary, Unresolved
-from eigenfail.worlds import world_of
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
@@ -30,9 +26,6 @@ from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.errors import make_episode_error
 from eigenfail_services.store.roster import PRESENT_S
-
-MOST_SPECS = 1_000
-
 
 log = structlog.get_logger()
 
@@ -87,7 +80,8 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
 
 def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
     """Return the episodes that are no failures only because they ended, and their horizon."""
-    return Unresolved(totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec))
+    duration_s = campaign.form.duration_s
+    return Unresolved(totals.unresolved, totals.perhaps_unresolved, duration_s)
 
 
 def count_doubtful(store: Store, campaign: Campaign) -> int:
@@ -119,29 +113,6 @@ def _find_reach(campaign: Campaign) -> str:
     except Exception:
         log.exception("reach not known", method=spec.method)
         return ""
-
-
-def find_horizon_s(spec: CampaignSpec) -> float | None:
-    """Return the longest that an episode lasts; None where steps have no duration. [s]
-
-    None too of a scenario that is not installed any more.
-    """
-    return _find_horizon_s(msgspec.json.encode(spec))
-
-
-@lru_cache(MOST_SPECS)
-def _find_horizon_s(text: bytes) -> float | None:
-    spec = msgspec.json.decode(text, type=CampaignSpec)
-    world = world_of(spec.simulator)
-    try:
-        duration = world.step_s(spec)
-        return None if duration is None else world.horizon(spec) * duration
-    except InputError:
-        return None
-    # What a plug-in of today raises for a campaign of yesterday must not cost its summary.
-    except Exception:
-        log.exception("horizon not known", scenario=spec.scenario)
-        return None
 
 
 def find_failure_rate(campaign: Campaign, unresolved: int) -> Rate | None:

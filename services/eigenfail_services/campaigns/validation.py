@@ -17,10 +17,11 @@ from eigenfail.contracts import MethodTraits, Reference
 from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, is_unsafe
 from eigenfail.methods import MethodDescription, describe_method
 from eigenfail.settings import LARGEST_INTEGER, convert, list_values
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
-from eigenfail.worlds import CampaignWorld, list_simulators, world_of
+from eigenfail.worlds import CampaignWorld, find_form, list_simulators, world_of
 from eigenfail_services.campaigns.rounds import limit_lookahead
 from eigenfail_services.methods import check_budget, explain_no_estimate
 
@@ -70,44 +71,15 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
 
     Attributes:
         spec: as the user gave it.
-        world: world in which it runs.
-        horizon: steps of a full episode.
-        channels: names of the channels of its noise, in the order of the columns of z.
+        form: length and channels of its episodes.
         method: method that the spec names.
         searching: the method that proposes noise: that of an ensemble's members, else `method`.
     """
 
     spec: CampaignSpec
-    world: CampaignWorld
-    horizon: int
-    channels: tuple[str, ...]
+    form: EpisodeForm
     method: ResolvedMethod
     searching: ResolvedMethod
-
-
-def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
-    """Load the method and the scenario of a campaign, and read their settings.
-
-    Raises:
-        UnknownName: a plug-in, setting, parameter or distribution that does not exist.
-        InvalidValue: a value outside its bounds.
-    """
-    method = resolve_method(spec.method, spec.settings)
-    return make_resolved_campaign(spec, method, find_searching(method))
-
-
-def make_resolved_campaign(
-    spec: CampaignSpec, method: ResolvedMethod, searching: ResolvedMethod
-) -> ResolvedCampaign:
-    """Return a campaign with its methods and what its world says of its episodes.
-
-    Raises:
-        UnknownName: a plug-in, parameter or distribution that does not exist.
-        InvalidValue: a parameter outside its bounds.
-    """
-    world = world_of(spec.simulator)
-    horizon, channels = world.horizon(spec), world.channels(spec)
-    return ResolvedCampaign(spec, world, horizon, channels, method, searching)
 
 
 def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings") -> ResolvedMethod:
@@ -247,7 +219,7 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:
         problem = "noise with a channel of the scenario, scaled, is of another scenario."
         raise InvalidValue("settings.scale", problem, "Replay it at scale 1.")
-    resolved = make_resolved_campaign(spec, method, searching)
+    resolved = ResolvedCampaign(spec, find_form(spec), method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
     return resolved

@@ -7,6 +7,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from resolved import resolve_campaign
 from store_checks.examples import name_channels, running
 
 from eigenfail import plugins
@@ -35,7 +36,6 @@ from eigenfail_services.campaigns.proofs import (
 )
 from eigenfail_services.campaigns.references import check_references, learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.campaigns.validation import resolve_campaign
 from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
 from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
 from eigenfail_services.methods.nearest import mix_noise

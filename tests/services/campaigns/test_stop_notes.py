@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from resolved import resolve_campaign
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
@@ -12,7 +13,6 @@ from eigenfail_services.campaigns.validation import (
     RoundPace,
     describe_stop_rules,
     find_pace,
-    resolve_campaign,
 )
 
 TEN = StopRules(failures=10)
