@@ -116,11 +116,6 @@ class EpisodeForm(msgspec.Struct, frozen=True):
     step_s: float | None = None
     channels: tuple[str, ...] = ()
 
-    @property
-    def duration_s(self) -> float | None:
-        """Return the longest that an episode lasts; None where steps have no duration. [s]"""
-        return None if self.step_s is None else self.steps * self.step_s
-
 
 class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     """Current state of a campaign.

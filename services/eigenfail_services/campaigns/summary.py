@@ -80,7 +80,8 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
 
 def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
     """Return the episodes that are no failures only because they ended, and their horizon."""
-    duration_s = campaign.form.duration_s
+    form = campaign.form
+    duration_s = None if form.step_s is None else form.steps * form.step_s
     return Unresolved(totals.unresolved, totals.perhaps_unresolved, duration_s)
 
 

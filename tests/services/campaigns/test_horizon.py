@@ -16,10 +16,9 @@ def store() -> Store:
     return open_store("memory://")
 
 
-def test_duration_is_the_scenarios_in_seconds(store: Store) -> None:
+def test_form_is_that_of_the_scenario(store: Store) -> None:
     form = store.campaigns.create(SPEC).form
     assert form == EpisodeForm(100, 0.1, ("longitudinal", "lateral"))
-    assert form.duration_s == 10.0
 
 
 def test_form_is_read_with_its_campaign(store: Store) -> None:
@@ -27,18 +26,16 @@ def test_form_is_read_with_its_campaign(store: Store) -> None:
     assert store.campaigns.get(made.id).form == made.form
 
 
-def test_duration_of_a_bridge_is_what_the_campaign_says(store: Store) -> None:
+def test_form_of_a_bridge_is_what_the_campaign_says(store: Store) -> None:
     given = {"steps": 40, "dt_s": 0.25}
     made = store.campaigns.create(replace(SPEC, simulator="bridge", scenario_parameters=given))
-    assert made.form.duration_s == 10.0
+    assert (made.form.steps, made.form.step_s) == (40, 0.25)
 
 
 def test_steps_of_a_function_have_no_duration(store: Store) -> None:
-    given = {"steps": 7}
-    made = store.campaigns.create(
-        replace(SPEC, simulator=functions.SIMULATOR, planner="m:f", scenario_parameters=given)
-    )
-    assert (made.form.steps, made.form.duration_s) == (7, None)
+    function = {"simulator": functions.SIMULATOR, "scenario": "function", "planner": "m:f"}
+    made = store.campaigns.create(replace(SPEC, **function, scenario_parameters={"steps": 7}))
+    assert (made.form.steps, made.form.step_s) == (7, None)
 
 
 def test_campaign_of_a_scenario_that_is_not_here_has_no_form(store: Store) -> None:
