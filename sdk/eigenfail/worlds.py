@@ -314,8 +314,7 @@ class PluginWorld(CampaignWorld):
 
     def step_s(self, spec: CampaignSpec) -> float:
         """Return the duration of a step of the scenario. [s]"""
-        scenario = self._scenario(spec)
-        corners = self.variation(spec).corners()
+        scenario, corners = self._scenario(spec), self.variation(spec).corners()
         return max(scenario(each, spec.seed).mission.dt_s for each in corners)
 
     def parameters_type(self, spec: CampaignSpec) -> type[msgspec.Struct]:
