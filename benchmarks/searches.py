@@ -18,6 +18,7 @@ from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine, Learner
 from eigenfail.settings import read_settings
 from eigenfail.values.arrays import Floats
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, EpisodeSetup, learner_seed
@@ -143,7 +144,7 @@ def context(
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=steps,
-        trajectories=stack_noise(noise, steps, len(list_channels(spec))),
+        trajectories=stack_noise(noise, EpisodeForm(steps, channels=list_channels(spec))),
         predecessors=() if earlier is None else (predecessor(earlier, steps),),
         parallel=spec.parallel,
     )

@@ -17,6 +17,7 @@ from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import requirements, signals
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import (
     ALL_CHANNELS,
@@ -268,11 +269,9 @@ class PluginWorld(CampaignWorld):
         model = self._resolve_options(described, offered=offers_occlusion)
         if model.channels is msgspec.UNSET:
             return model
-        variation = read_variation(
-            plugins.load(plugins.SCENARIOS, described.scenario).Parameters,
-            described.scenario_parameters,
-        )
-        scenario: Scenario = plugins.load(plugins.SCENARIOS, described.scenario)()
+        plugin = plugins.load(plugins.SCENARIOS, described.scenario)
+        variation = read_variation(plugin.Parameters, described.scenario_parameters)
+        scenario: Scenario = plugin()
         counts = {_count_vehicles(scenario(each, 0)) for each in variation.corners()}
         if len(counts) > 1:
             problem = "the number of vehicles varies with the parameters of the scenario."
@@ -315,8 +314,7 @@ class PluginWorld(CampaignWorld):
 
     def step_s(self, spec: CampaignSpec) -> float:
         """Return the duration of a step of the scenario. [s]"""
-        scenario = self._scenario(spec)
-        corners = self.variation(spec).corners()
+        scenario, corners = self._scenario(spec), self.variation(spec).corners()
         return max(scenario(each, spec.seed).mission.dt_s for each in corners)
 
     def parameters_type(self, spec: CampaignSpec) -> type[msgspec.Struct]:
@@ -338,24 +336,22 @@ class PluginWorld(CampaignWorld):
 
     def packages(self, spec: CampaignSpec) -> Iterator[str]:
         """Return the packages of planner, scenario and simulator."""
-        parts = {
-            plugins.PLANNERS: spec.planner,
-            plugins.SCENARIOS: spec.scenario,
-            plugins.SIMULATORS: spec.simulator,
-        }
-        for group, name in parts.items():
+        for group, name in self._list_parts(spec):
             if name not in plugins.list_entry_points(group):
                 raise UnknownName(group.removeprefix("eigenfail."), name, plugins.names(group))
             yield plugins.list_entry_points(group)[name].module.partition(".")[0]
 
     def runs_foreign_code(self, setup: EpisodeSetup) -> bool:
         """Return whether any of the three plug-ins is not built in."""
-        parts = {
-            plugins.SIMULATORS: setup.simulator,
-            plugins.SCENARIOS: setup.scenario,
-            plugins.PLANNERS: setup.planner,
-        }
-        return not all(plugins.is_built_in(group, name) for group, name in parts.items())
+        return not all(plugins.is_built_in(*part) for part in self._list_parts(setup))
+
+    def _list_parts(self, described: Described) -> tuple[tuple[str, str], ...]:
+        """Return group and name of each plug-in that an episode is made of."""
+        return (
+            (plugins.PLANNERS, described.planner),
+            (plugins.SCENARIOS, described.scenario),
+            (plugins.SIMULATORS, described.simulator),
+        )
 
     def _scenario(self, spec: CampaignSpec) -> Scenario:
         scenario: Scenario = plugins.load(plugins.SCENARIOS, spec.scenario)()
@@ -429,11 +425,9 @@ def _list_judged(spec: CampaignSpec) -> Iterator[tuple[str, object]]:
 
 def _find_bridge_signals(judged: object) -> set[str]:
     """Return the names of the signals of a bridge in a formula; none where it is no formula."""
-    return (
-        {*_BRIDGE_SIGNAL.findall(judged.formula)}
-        if isinstance(judged, requirements.Formula)
-        else set()
-    )
+    if not isinstance(judged, requirements.Formula):
+        return set()
+    return {*_BRIDGE_SIGNAL.findall(judged.formula)}
 
 
 class BridgeWorld(CampaignWorld):
@@ -500,6 +494,17 @@ WORLDS: Mapping[str, CampaignWorld] = {
 def world_of(simulator: str) -> CampaignWorld:
     """Return the world of a simulator; plug-ins, installed here or not, share one."""
     return WORLDS.get(simulator, PLUGIN_WORLD)
+
+
+def find_form(spec: CampaignSpec) -> EpisodeForm:
+    """Return the length and the channels of a campaign's full episodes.
+
+    Raises:
+        UnknownName: no such scenario, or it has no such parameter or distribution.
+        InvalidValue: a parameter, or an end of its distribution, outside its bounds.
+    """
+    world = world_of(spec.simulator)
+    return EpisodeForm(world.horizon(spec), world.step_s(spec), world.channels(spec))
 
 
 def list_channels(spec: CampaignSpec) -> tuple[str, ...]:

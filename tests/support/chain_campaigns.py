@@ -4,9 +4,9 @@ from eigenfail import plugins
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Delivery
+from eigenfail_services.campaigns.drafts import validate_campaign
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.campaigns.validation import validate_campaign
 from eigenfail_services.store import Store, open_store
 
 CHAINS, EPISODES = 5, 120

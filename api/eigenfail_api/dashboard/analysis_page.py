@@ -151,7 +151,7 @@ def make_analysis_view(
     """
     result, campaign = analysis.result, campaigns[0]
     world = world_of(campaign.spec.simulator)
-    words = ", ".join(describe_settings(analysis.settings, world.channels(campaign.spec)))
+    words = ", ".join(describe_settings(analysis.settings, campaign.form.channels))
     is_replaying = proof is not None and bool(proof.scenarios) and not proof.done
     view: dict[str, object] = {
         "analysis": analysis,
@@ -164,7 +164,7 @@ def make_analysis_view(
         return view
     unit = find_robustness_unit(campaign.spec)
     collapse = result.diversity.collapse if result.diversity else ""
-    step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
+    step_s = campaign.form.step_s if analysis.settings.align == "collision" else None
     is_whole = not leaves_early_out(analysis.settings, campaigns)
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return view | {

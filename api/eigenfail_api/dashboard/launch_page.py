@@ -22,7 +22,7 @@ from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import LARGEST, Stored, read_form
-from eigenfail_services.campaigns import drafts, resolution
+from eigenfail_services.campaigns import drafts, validation
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
@@ -266,7 +266,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dic
     spec = drafts.read_draft(body, store).spec
     return view | {
         "estimate": describe_estimate(store, spec),
-        "completed": tuple(iterate_leaves(msgspec.to_builtins(resolution.fill_defaults(spec)))),
+        "completed": tuple(iterate_leaves(msgspec.to_builtins(validation.fill_defaults(spec)))),
         "key": make_key(token, body),
         "curl": format_curl(service, "/campaigns", body),
     }

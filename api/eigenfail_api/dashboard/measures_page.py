@@ -34,7 +34,7 @@ from eigenfail_api.dashboard.rendering import Tile, page, write_time
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes.analyses import COSTS, REGIONS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
-from eigenfail_services.campaigns.resolution import list_drawn
+from eigenfail_services.campaigns.validation import list_drawn
 from eigenfail_services.comparison.region import find_region_in_process
 
 NOT_CLASSIFIED = "not classified"

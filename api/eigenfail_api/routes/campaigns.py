@@ -25,10 +25,10 @@ from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import FIELDS, SPECS, document_route
 from eigenfail_services.campaigns import drafts, summary, validation
-from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
-from eigenfail_services.campaigns.resolution import ResolvedCampaign, fill_defaults
 from eigenfail_services.campaigns.suites import create_suite, read_suite
+from eigenfail_services.campaigns.summary import find_chain_mixing
+from eigenfail_services.campaigns.validation import ResolvedCampaign, fill_defaults
 from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
@@ -188,7 +188,7 @@ def create_campaign(
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
     """Queue a new campaign."""
-    return _launch(store, validation.validate_campaign(spec, store), idempotency_key, made_by)
+    return _launch(store, drafts.validate_campaign(spec, store), idempotency_key, made_by)
 
 
 @router.post("/check", **document_route(CampaignCheck, body=FIELDS, example=FIRST_TRY))
@@ -286,7 +286,7 @@ def shrink_episode(
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
     """Queue a campaign that finds the least noise with which an episode still fails."""
-    return _launch(store, validation.validate_campaign(wanted, store), idempotency_key, made_by)
+    return _launch(store, drafts.validate_campaign(wanted, store), idempotency_key, made_by)
 
 
 @router.post("/{campaign}/pause", **document_route(Campaign))

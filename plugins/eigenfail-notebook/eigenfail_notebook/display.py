@@ -12,7 +12,12 @@ from itertools import chain
 from typing import Any
 
 from eigenfail.presentation import campaigns, figures
-from eigenfail.presentation.analyses import describe_analysis, describe_proof, format_peak
+from eigenfail.presentation.analyses import (
+    describe_modes,
+    describe_proof,
+    format_peak,
+    list_mode_words,
+)
 from eigenfail.presentation.episodes import list_episode_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
@@ -76,7 +81,16 @@ describe.register(Safety, campaigns.describe_safety)
 describe.register(Comparison, campaigns.describe_comparison)
 describe.register(SuiteTable, describe_suite)
 describe.register(Proof, describe_proof)
-describe.register(Analysis, describe_analysis)
+
+
+@describe.register
+def _(value: Analysis) -> Blocks:
+    words = f"of campaign {value.campaign}: {value.state}"
+    heading = FactTable("Analysis", ((f"analysis {value.id}", words),))
+    if value.result is None:
+        return (heading, value.problem)
+    modes = describe_modes(value.campaign, value.result)
+    return (heading, *modes, *list_mode_words(value.result))
 
 
 @describe.register

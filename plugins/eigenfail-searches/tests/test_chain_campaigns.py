@@ -10,7 +10,7 @@ from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail_searches.chains.diagnostics import judge_projections
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
+from eigenfail_services.campaigns.summary import find_chain_mixing
 
 
 @pytest.fixture(scope="module")

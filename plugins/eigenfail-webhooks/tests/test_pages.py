@@ -2,7 +2,7 @@
 
 import re
 
-from eigenfail.cli.reference import write_commands
+from cli_reference import write_commands
 from typer.testing import CliRunner
 
 from eigenfail.cli.main import app
@@ -15,7 +15,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 def test_the_reference_is_the_help_of_today(plugin):
     text = (plugin / "README.md").read_text()
-    again = f"python -m eigenfail.cli.reference {FOLDER}/README.md webhook"
+    again = f"python tests/support/cli_reference.py {FOLDER}/README.md webhook"
     assert again in text
     assert write_commands(text, ("webhook",)) == text, again
 

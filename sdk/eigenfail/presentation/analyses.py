@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenfail.presentation import figures, tables
-from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode, InfluenceShare, Moment
+from eigenfail.values.analysis import AnalysisResult, FailureMode, InfluenceShare, Moment
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import ChainMixing
@@ -128,16 +128,6 @@ def format_peak(noise: Floats) -> str:
     """Return the largest disturbance of one channel, and its step."""
     step = int(np.argmax(np.abs(noise)))
     return f"{figures.format_signed(float(noise[step]))} at step {step}"
-
-
-def describe_analysis(analysis: Analysis) -> tuple[tables.Block, ...]:
-    """Return the modes of an analysis, or why it has none."""
-    words = f"of campaign {analysis.campaign}: {analysis.state}"
-    heading = tables.FactTable("Analysis", ((f"analysis {analysis.id}", words),))
-    if analysis.result is None:
-        return (heading, analysis.problem)
-    modes = describe_modes(analysis.campaign, analysis.result)
-    return (heading, *modes, *list_mode_words(analysis.result))
 
 
 def describe_modes(campaign: int, result: AnalysisResult) -> tuple[tables.Block, ...]:

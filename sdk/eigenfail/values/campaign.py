@@ -101,6 +101,27 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
     results: int
 
 
+class EpisodeForm(msgspec.Struct, frozen=True):
+    """What all full episodes of a campaign have in common.
+
+    The default is the form of a campaign whose world was not known where it was created.
+
+    Attributes:
+        steps: number of steps of the longest episode.
+        step_s: duration of a step; None where steps have none. [s]
+        channels: names of the channels of the noise, in the order of the columns of z.
+    """
+
+    steps: int = 0
+    step_s: float | None = None
+    channels: tuple[str, ...] = ()
+
+    @property
+    def horizon_s(self) -> float | None:
+        """Duration of the longest episode; None where steps have no duration. [s]"""
+        return None if self.step_s is None else self.steps * self.step_s
+
+
 class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Current state of a campaign.
 
@@ -119,6 +140,7 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
         code: fingerprints of the code that workers ran its episodes with, by package; several where
             workers had different code, and none where it is in no package with plug-ins.
         archived_ms: when it was archived; None if it is not, and lists have it. [ms since 1970]
+        form: length and channels of its episodes, as they were when it was created.
     """
 
     id: int
@@ -137,6 +159,7 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     parts: tuple[RunPart, ...] = ()
     code: tuple[Versions, ...] = ()
     archived_ms: int | None = None
+    form: EpisodeForm = EpisodeForm()
 
     @property
     def is_mixed(self) -> bool:

@@ -18,7 +18,7 @@ from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error,
 from eigenfail.methods import traits_of
 from eigenfail.processes import NUMERIC_ENVIRONMENT, as_parent, exit_status, kill_group
 from eigenfail.values.analysis import AnalysedCampaign, Analysis, AnalysisResult, AnalysisSettings
-from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign import FINAL_STATES, Campaign, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Job
 from eigenfail.worlds import world_of
@@ -26,7 +26,7 @@ from eigenfail_services.analysis.alignment import check_clusterer, choose_column
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
 from eigenfail_services.campaigns.mode_probability import add_probabilities
-from eigenfail_services.campaigns.resolution import resolve_method
+from eigenfail_services.campaigns.validation import resolve_method
 from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.methods import find_first_sample
 from eigenfail_services.store import Store
@@ -48,19 +48,15 @@ class AnalysisBasis(NamedTuple):
     Attributes:
         campaigns: each once, the first one first; with their states from before their failures
             are read, so that whatever has ended is read whole.
-        horizon: steps of their full episodes.
-        duration_s: duration of a step; None where it has none. [s]
-        step_s: the same; None also where failures do not end at a collision, to which times could
-            be told. [s]
-        channels: the names of the components of their noise.
+        form: length and channels of their episodes.
+        step_s: duration of a step; None where it has none, and where failures do not end at a
+            collision, to which times could be told. [s]
         has_road: whether an ego drives in them.
     """
 
     campaigns: tuple[Campaign, ...]
-    horizon: int
-    duration_s: float | None
+    form: EpisodeForm
     step_s: float | None
-    channels: tuple[str, ...]
     has_road: bool
 
     @property
@@ -112,14 +108,11 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
     if settings.align == "collision" and may_violate:
         problem = "failures of campaigns with requirements need not end in a collision."
         raise InvalidValue("align", problem, "Align at the start.")
-    steps = world.horizon(first.spec)
-    duration_s = world.step_s(first.spec)
-    step_s = None if may_violate else duration_s
-    channels = world.channels(first.spec)
-    choose_columns(settings.axes, channels)
+    choose_columns(settings.axes, first.form.channels)
     for other in campaigns[1:]:
-        _refuse_unlike(first.spec, other.spec, f"campaign {other.id}")
-    return AnalysisBasis(campaigns, steps, duration_s, step_s, channels, world.has_road)
+        _refuse_unlike(first, other)
+    step_s = None if may_violate else first.form.step_s
+    return AnalysisBasis(campaigns, first.form, step_s, world.has_road)
 
 
 def _find_further(store: Store, campaign: int) -> Campaign:
@@ -134,21 +127,22 @@ def _find_further(store: Store, campaign: int) -> Campaign:
         raise InvalidValue("campaigns", error.problem, error.remedy) from error
 
 
-def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
+def _refuse_unlike(first: Campaign, other: Campaign) -> None:
     """Raise InvalidValue if the noise of two campaigns cannot be analysed together."""
-    world, beside = world_of(first.simulator), world_of(other.simulator)
     compared = {
-        "episodes of another number of steps": (world.horizon(first), beside.horizon(other)),
-        "steps of another duration": (world.step_s(first), beside.step_s(other)),
-        "noise with other channels": (world.channels(first), beside.channels(other)),
+        "episodes of another number of steps": (first.form.steps, other.form.steps),
+        "steps of another duration": (first.form.step_s, other.form.step_s),
+        "noise with other channels": (first.form.channels, other.form.channels),
         "another disturbance model: one z is not the same noise in both": (
-            first.disturbance,
-            other.disturbance,
+            first.spec.disturbance,
+            other.spec.disturbance,
         ),
     }
     for words, (one, another) in compared.items():
         if one != another:
-            raise InvalidValue("campaigns", f"{name} has {words}.", "Analyse it by itself.")
+            raise InvalidValue(
+                "campaigns", f"campaign {other.id} has {words}.", "Analyse it by itself."
+            )
 
 
 def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
@@ -431,8 +425,8 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
         for campaign in begun.campaigns
         for failures in store.episodes.failure_portions(campaign.id)
     )
-    failures = gather_failures(read, begun.horizon, analysis.settings, begun.channels)
-    failures = failures._replace(step_s=begun.duration_s)
+    failures = gather_failures(read, begun.form.steps, analysis.settings, begun.form.channels)
+    failures = failures._replace(step_s=begun.form.step_s)
     if analysis.settings.features == "behaviour" and begun.has_road:
         courses = (
             (campaign.id, course)

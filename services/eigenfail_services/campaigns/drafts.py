@@ -13,8 +13,8 @@ from eigenfail.methods import describe_method, traits_of
 from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.campaign_spec import MAX_EPISODES, CampaignSpec
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
-from eigenfail_services.campaigns import resolution, validation
-from eigenfail_services.campaigns.references import check_has_knowledge
+from eigenfail_services.campaigns import validation
+from eigenfail_services.campaigns.references import check_has_knowledge, check_references
 from eigenfail_services.store import Store
 
 MOST_PROBLEMS = 100
@@ -53,7 +53,20 @@ BRACKETS = re.compile(r"\[[^\]]*\]")
 Fields = Mapping[str, Any]
 
 
-def read_draft(given: Fields, store: Store) -> resolution.ResolvedCampaign:
+def validate_campaign(spec: CampaignSpec, store: Store) -> validation.ResolvedCampaign:
+    """Resolve a campaign that can be launched if the connected bridges offer what it needs.
+
+    Raises:
+        UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
+        InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
+            the settings name does not exist or is of no use.
+    """
+    campaign = validation.check_spec(spec)
+    check_references(campaign, store)
+    return campaign
+
+
+def read_draft(given: Fields, store: Store) -> validation.ResolvedCampaign:
     """Resolve a campaign, from its fields, as `validate_campaign` does.
 
     Raises:
@@ -61,10 +74,10 @@ def read_draft(given: Fields, store: Store) -> resolution.ResolvedCampaign:
         InvalidValue: a value of the wrong type, outside its bounds, or missing; or something is
             built upon that does not exist.
     """
-    return validation.validate_campaign(read_fields(given, CampaignSpec), store)
+    return validate_campaign(read_fields(given, CampaignSpec), store)
 
 
-def read_drafts(given: Sequence[Any], store: Store) -> list[resolution.ResolvedCampaign]:
+def read_drafts(given: Sequence[Any], store: Store) -> list[validation.ResolvedCampaign]:
     """Resolve the campaigns that a list asks for, each from its fields.
 
     Raises:
@@ -78,14 +91,14 @@ def read_drafts(given: Sequence[Any], store: Store) -> list[resolution.ResolvedC
     return [_read_item(item, f"[{place}]", store) for place, item in enumerate(given)]
 
 
-def _read_item(item: Any, where: str, store: Store) -> resolution.ResolvedCampaign:
+def _read_item(item: Any, where: str, store: Store) -> validation.ResolvedCampaign:
     if not isinstance(item, dict):
         raise InvalidValue(where, "is not an object with the fields of a campaign.")
     with move_errors(where):
         return read_draft(item, store)
 
 
-def check_draft_offers(campaigns: Sequence[resolution.ResolvedCampaign], store: Store) -> None:
+def check_draft_offers(campaigns: Sequence[validation.ResolvedCampaign], store: Store) -> None:
     """Check that the connected bridges offer what the campaigns of a list need.
 
     Raises:
@@ -143,7 +156,7 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     return tuple(found)
 
 
-def _find_misfits(campaign: resolution.ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
+def _find_misfits(campaign: validation.ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
     try:
         validation.check_offers(campaign, validation.list_offers([campaign], store))
     except InputError as error:
@@ -191,7 +204,7 @@ def _take_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
     return {other: value for other, value in given.items() if other != name}
 
 
-def clone(spec: CampaignSpec, changes: Fields, store: Store) -> resolution.ResolvedCampaign:
+def clone(spec: CampaignSpec, changes: Fields, store: Store) -> validation.ResolvedCampaign:
     """Resolve a campaign like another, with some fields changed.
 
     Settings and parameters are put over the earlier ones; with another plug-in the earlier ones

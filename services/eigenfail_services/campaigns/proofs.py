@@ -22,8 +22,7 @@ from eigenfail.values.proof import (
 )
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
-from eigenfail_services.campaigns.resolution import is_distribution, list_drawn
-from eigenfail_services.campaigns.validation import check_spec
+from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_drawn
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
@@ -460,7 +459,7 @@ def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> C
         InvalidValue: a parameter outside its bounds, or one that makes other channels of noise.
     """
     checked = check_spec(replay)
-    if checked.channels != list_channels(analysed):
+    if checked.form.channels != list_channels(analysed):
         problem = "are not those of the noise that was analysed."
         raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
     return checked.spec

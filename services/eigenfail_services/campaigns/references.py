@@ -16,20 +16,20 @@ from eigenfail.errors import InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import describe_method, traits_of
 from eigenfail.values.analysis import Analysis, FailureMode
 from eigenfail.values.arrays import Floats
-from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign import FINAL_STATES, Campaign, EpisodeForm
 from eigenfail.values.episode import Outcome, learner_seed
 from eigenfail.values.learning import Experience, LearnerContext, Predecessor
 from eigenfail.values.proof import ReplayKind
-from eigenfail.worlds import list_channels, world_of
-from eigenfail_services.campaigns.resolution import (
+from eigenfail.worlds import world_of
+from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.campaigns.validation import (
     ResolvedCampaign,
     ResolvedMethod,
     check_estimates,
+    find_searching,
     list_varied,
-    resolve_campaign,
     resolve_method,
 )
-from eigenfail_services.campaigns.rounds import read_checkpoint
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store
@@ -68,7 +68,7 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
             before = store.campaigns.get(source)
         except NotFound as error:
             raise InvalidValue(field, error.problem, error.remedy) from error
-        _check_channels(before, field, campaign.channels)
+        _check_channels(before, field, campaign.form.channels)
     injects = method.traits.injects
     if injects is Injection.FAILURES:
         _check_failures(campaign, store)
@@ -160,7 +160,7 @@ def _check_failures(campaign: ResolvedCampaign, store: "Store") -> None:
     if not before.counts.failures:
         problem = f"campaign {before.id} has no failure to start from."
         raise InvalidValue(field, problem, "Name a campaign with failures, such as one of ast.")
-    _check_horizon(before, field, campaign.horizon)
+    _check_horizon(before, field, campaign.form.steps)
 
 
 def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store: "Store") -> None:
@@ -179,7 +179,7 @@ def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store
     searching = campaign.searching
     field = f"{searching.field}.{name}"
     before = _find_ended(number, field, store)
-    _check_channels(before, field, campaign.channels)
+    _check_channels(before, field, campaign.form.channels)
     if searching.traits.references[name] is Reference.OWN_LEARNER:
         if before.spec.method != searching.name:
             there = before.spec.method
@@ -210,12 +210,12 @@ def _check_data(
         if not before.counts.completed:
             problem = f"campaign {before.id} has not completed a single episode."
             raise InvalidValue(field, problem, "Name one that has.")
-        _check_horizon(before, field, campaign.horizon)
+        _check_horizon(before, field, campaign.form.steps)
         there = before.spec.all_requirements, before.spec.importance
         if there != (spec.all_requirements, spec.importance):
             problem = f"campaign {before.id} has other requirements, or another importance."
             raise InvalidValue(field, problem, "Name campaigns that have the same.")
-        _check_channels(before, field, campaign.channels)
+        _check_channels(before, field, campaign.form.channels)
         _refuse_pruned(before.id, field, store)
         completed += before.counts.completed
     if completed > MOST_READ:
@@ -233,7 +233,7 @@ def _refuse_pruned(campaign: int, field: str, store: "Store") -> None:
         raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
 
 
-def _check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
+def _check_channels(before: Campaign, field: str, channels: tuple[str, ...]) -> None:
     """Make sure that the noise of an earlier campaign has the same channels as here.
 
     Those of functions may have other names.
@@ -241,14 +241,14 @@ def _check_channels(before: Campaign, field: str, channels: Sequence[str]) -> No
     Raises:
         InvalidValue: it has others, or in another order.
     """
-    there = list_channels(before.spec)
+    there = before.form.channels
     if len(there) != len(channels):
         problem = (
             f"the noise of campaign {before.id} has another number of channels: {len(there)} "
             f"there, {len(channels)} here."
         )
         raise InvalidValue(field, problem, "Name one whose noise has as many channels.")
-    if there != tuple(channels) and world_of(before.spec.simulator).has_road:
+    if there != channels and world_of(before.spec.simulator).has_road:
         problem = (
             f"the noise of campaign {before.id} has other channels: {', '.join(there)} there, "
             f"{', '.join(channels)} here."
@@ -262,7 +262,7 @@ def _check_horizon(before: Campaign, field: str, steps: int) -> None:
     Raises:
         InvalidValue: they have not.
     """
-    there = world_of(before.spec.simulator).horizon(before.spec)
+    there = before.form.steps
     if there != steps:
         problem = (
             f"the episodes of campaign {before.id} have {there} steps, here they have {steps}."
@@ -316,20 +316,19 @@ def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
             trajectories, or a learner's state, that do not exist or are of no use.
         NotFound: its settings name a campaign, analysis or episode that does not exist.
     """
-    resolved = resolve_campaign(campaign.spec)
-    method = resolved.searching
+    method = find_searching(resolve_method(campaign.spec.method, campaign.spec.settings))
     trajectories = read_trajectories(method, store)
     learners = method.given_references(*LEARNERS)
     return LearnerContext(
         seed=learner_seed(campaign.spec.seed),
         episodes=campaign.spec.episodes,
-        horizon=resolved.horizon,
-        trajectories=stack_noise(trajectories, resolved.horizon, len(resolved.channels)),
+        horizon=campaign.form.steps,
+        trajectories=stack_noise(trajectories, campaign.form),
         predecessors=tuple(
             _read_predecessor(number, f"{method.field}.{name}", store)
             for name, number in learners.items()
         ),
-        experience=read_experience(resolved, store),
+        experience=read_experience(method, campaign.form, store),
         parallel=campaign.spec.parallel,
     )
 
@@ -343,7 +342,7 @@ def _read_predecessor(campaign: int, field: str, store: "Store") -> Predecessor:
         settings=leave_out_births(spec.method, spec.settings),
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
-        horizon=world_of(spec.simulator).horizon(spec),
+        horizon=before.form.steps,
         state=_read_last_state(before, field, store),
     )
 
@@ -432,7 +431,7 @@ class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
     index: int
 
 
-def read_experience(campaign: ResolvedCampaign, store: "Store") -> Experience | None:
+def read_experience(method: ResolvedMethod, form: EpisodeForm, store: "Store") -> Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
     None where it names no campaigns to learn from.
@@ -444,7 +443,7 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> Experience | 
     Raises:
         InvalidValue: the noise of one of them was pruned.
     """
-    method, data = campaign.searching, set[int]()
+    data = set[int]()
     for name, numbers in method.given_references(Reference.EPISODES).items():
         data |= set(numbers)
         # Noise may have been pruned between the check of a campaign and its creation.
@@ -452,9 +451,9 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> Experience | 
             _refuse_pruned(number, f"{method.field}.{name}", store)
     if not data:
         return None
-    horizon, channels = campaign.horizon, len(campaign.channels)
     completed = sorted(one for number in sorted(data) for one in _list_completed(number, store))
-    kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
+    fitting = MOST_NUMBERS // (len(form.channels) * form.steps)
+    kept = choose_episodes(completed, min(MOST_EPISODES, fitting))
     # `groupby` needs the episodes of a campaign next to each other, and robustness has the order of
     # the noise.
     kept.sort(key=lambda one: (one.campaign, one.index))
@@ -464,7 +463,7 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> Experience | 
         for result in store.episodes.finished(number, [one.index for one in ours])
     ]
     return Experience(
-        z=stack_noise([result.noise.z for result in results], horizon, channels),
+        z=stack_noise([result.noise.z for result in results], form),
         steps=np.array([result.steps for result in results], np.float32),
         robustness_m=np.array([one.robustness_m for one in kept], np.float32),
     )
@@ -490,12 +489,12 @@ def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[Co
     return [*least, *(others[place] for place in places)]
 
 
-def stack_noise(noises: Sequence[Floats], steps: int, channels: int) -> Floats:
+def stack_noise(noises: Sequence[Floats], form: EpisodeForm) -> Floats:
     """Return trajectories of any length as one array, shape (n, steps, channels).
 
     They are padded with zeros; without a trajectory n is 0.
     """
-    stacked = np.zeros((len(noises), steps, channels), np.float32)
+    stacked = np.zeros((len(noises), form.steps, len(form.channels)), np.float32)
     for row, noise in zip(stacked, noises, strict=True):
-        row[: len(noise)] = noise[:steps]
+        row[: len(noise)] = noise[: form.steps]
     return stacked

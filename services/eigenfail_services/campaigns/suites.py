@@ -13,7 +13,7 @@ from eigenfail.values.campaign import Campaign, CampaignFilter
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.suite import SEPARATOR, suite_of
 from eigenfail_services.campaigns import validation
-from eigenfail_services.campaigns.drafts import move_errors, rename_field
+from eigenfail_services.campaigns.drafts import move_errors, rename_field, validate_campaign
 from eigenfail_services.store import Store
 
 PAGE = 200
@@ -124,7 +124,7 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     checked = CheckedSuite({}, {})
     for name, spec in ready.items():
         try:
-            resolved = validation.validate_campaign(spec, store)
+            resolved = validate_campaign(spec, store)
             validation.check_offers(resolved, validation.list_offers([resolved], store))
             checked.missing[suites.make_member_key(spec)] = resolved.spec
         except InputError as error:

@@ -1,36 +1,30 @@
-"""Figures of one campaign: its row in result tables, safety, course, workers, and newest policy."""
+"""Figures of one campaign: result row, safety, course, workers, newest policy, chain mixing."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
-import msgspec
 import structlog
 
-from eigenfail.errors import InputError, NotFound
+from eigenfail import plugins
+from eigenfail.errors import Conflict, InputError, NotFound
 from eigenfail.methods import NarrowCampaign, find_narrow_campaigns
 from eigenfail.presentation.rates import explain_design
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
-from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.estimates import Cost, Rate
+from eigenfail.values.estimates import ChainMixing, Cost, Rate
 from eigenfail.values.learning import Policy
 from eigenfail.values.operations import Event, Presence, Staffing, WorkerShare
 from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
 from eigenfail.values.safety import TAIL_LEVEL, Safety
 from eigenfail.values.summary import Conflicts, Course, Errored, MeanTime, Summary, Unresolved
-from eigenfail.worlds import world_of
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.resolution import find_searching, resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.campaigns.validation import find_searching, resolve_method
 from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
-from eigenfail_services.methods import describe_reach
+from eigenfail_services.methods import Mixing, describe_reach
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.errors import make_episode_error
 from eigenfail_services.store.roster import PRESENT_S
-
-MOST_SPECS = 1_000
-
 
 log = structlog.get_logger()
 
@@ -41,7 +35,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
     may have been read a few results apart.
     """
-    unresolved = Unresolved(totals.conflicts.unresolved, find_horizon_s(campaign.spec))
+    unresolved = Unresolved(totals.conflicts.unresolved, campaign.form.horizon_s)
     completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.count)
     return Summary(
         campaign=campaign.id,
@@ -114,29 +108,6 @@ def _find_reach(campaign: Campaign) -> str:
         return ""
 
 
-def find_horizon_s(spec: CampaignSpec) -> float | None:
-    """Return the longest that an episode lasts; None where steps have no duration. [s]
-
-    None too of a scenario that is not installed any more.
-    """
-    return _find_horizon_s(msgspec.json.encode(spec))
-
-
-@lru_cache(MOST_SPECS)
-def _find_horizon_s(text: bytes) -> float | None:
-    spec = msgspec.json.decode(text, type=CampaignSpec)
-    world = world_of(spec.simulator)
-    try:
-        duration = world.step_s(spec)
-        return None if duration is None else world.horizon(spec) * duration
-    except InputError:
-        return None
-    # What a plug-in of today raises for a campaign of yesterday must not cost its summary.
-    except Exception:
-        log.exception("horizon not known", scenario=spec.scenario)
-        return None
-
-
 def find_failure_rate(campaign: Campaign, unresolved: int) -> Rate | None:
     """Return the failure rate of the completed episodes; None before the first one.
 
@@ -187,7 +158,7 @@ def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> 
             campaign,
             measured,
             summarise_conflicts(totals.conflicts),
-            Unresolved(totals.conflicts.unresolved, find_horizon_s(campaign.spec)),
+            Unresolved(totals.conflicts.unresolved, campaign.form.horizon_s),
             level,
         ),
     )
@@ -308,3 +279,30 @@ def find_newest_policy(store: Store, campaign: Campaign) -> Policy:
             "A policy is what 'ast' trains; it is there once the first round is in.",
         )
     return policy
+
+
+def find_chain_mixing(store: Store, campaign: Campaign) -> ChainMixing:
+    """Return how far the chains of a campaign have mixed.
+
+    Raises:
+        Conflict: the campaign is one of a method that has no chains or is not installed, or it has
+            not finished a round.
+        InvalidValue: the method cannot be loaded.
+        ProtocolError: its checkpoint cannot be read.
+    """
+    name = campaign.spec.method
+    # A campaign outlives the package of its method, and its page still shows everything else.
+    if name not in plugins.names(plugins.METHODS):
+        problem = f"Campaign {campaign.id} is one of {name}, which is not installed here."
+        raise Conflict(problem, "Install the package of the method where the service runs.")
+    method = plugins.load(plugins.METHODS, name)
+    if not isinstance(method, Mixing):
+        problem = f"Campaign {campaign.id} is one of {name}, which has no chains."
+        raise Conflict(problem, "Launch one of chains that starts from its failures.")
+    checkpoint = store.checkpoints.load(campaign.id)
+    state = read_checkpoint(checkpoint).learner if checkpoint else None
+    found = None if state is None else method.judge_mixing(campaign, state)
+    if found is None:
+        problem = f"No chain of campaign {campaign.id} has started. {campaign.stopped_because}"
+        raise Conflict(problem.strip(), "Its first round runs the starts.")
+    return found

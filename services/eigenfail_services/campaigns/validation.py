@@ -1,49 +1,177 @@
-"""Validation of campaigns before they are created: names, bounds, and references."""
+"""Campaigns with their plug-ins loaded and their settings read, and all checks of a spec alone.
 
-from collections.abc import Iterable, Iterator
+References to earlier campaigns are checked in `references`; `drafts` does both.
+"""
+
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from math import ceil, isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from msgspec.structs import replace
 
 from eigenfail.bridges import BridgeOffer
-from eigenfail.errors import InvalidValue, UnknownName, is_unsafe
+from eigenfail.contracts import MethodTraits, Reference
+from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, is_unsafe
+from eigenfail.methods import MethodDescription, describe_method
 from eigenfail.settings import LARGEST_INTEGER, convert, list_values
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
-from eigenfail.worlds import CampaignWorld, list_simulators, world_of
-from eigenfail_services.campaigns import resolution
-from eigenfail_services.campaigns.references import check_references
+from eigenfail.values.variation import KINDS
+from eigenfail.worlds import CampaignWorld, find_form, list_simulators, world_of
 from eigenfail_services.campaigns.rounds import limit_lookahead
-from eigenfail_services.methods import check_budget
+from eigenfail_services.methods import check_budget, explain_no_estimate
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store
 
+MOST_SPECS = 2_000
+"""Specs whose defaults are kept. A page of releases reads as many campaigns, most of them alike."""
 
-def validate_campaign(spec: CampaignSpec, store: "Store") -> resolution.ResolvedCampaign:
-    """Resolve a campaign that can be launched if the connected bridges offer what it needs.
+
+class ResolvedMethod(msgspec.Struct, frozen=True):
+    """A method and its settings.
+
+    Attributes:
+        description: description of the method.
+        settings: read; an instance of the method's `Settings`.
+        given: the settings as the user gave them.
+        field: where these stand in the spec.
+    """
+
+    description: MethodDescription
+    settings: Any
+    given: Mapping[str, Any]
+    field: str
+
+    @property
+    def name(self) -> str:
+        """Return the name of the method."""
+        return self.description.name
+
+    @property
+    def traits(self) -> MethodTraits:
+        """Return the traits that the method declares."""
+        return self.description.traits
+
+    def given_references(self, *kinds: Reference) -> dict[str, Any]:
+        """Return the settings that name something to take these from, with what they name."""
+        return {
+            name: self.given[name]
+            for name, kind in self.traits.references.items()
+            if kind in kinds and self.given.get(name) is not None
+        }
+
+
+class ResolvedCampaign(msgspec.Struct, frozen=True):
+    """A campaign whose plug-ins are loaded and whose settings are read.
+
+    Attributes:
+        spec: as the user gave it.
+        form: length and channels of its episodes.
+        method: method that the spec names.
+        searching: the method that proposes noise: that of an ensemble's members, else `method`.
+    """
+
+    spec: CampaignSpec
+    form: EpisodeForm
+    method: ResolvedMethod
+    searching: ResolvedMethod
+
+
+def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings") -> ResolvedMethod:
+    """Load a method and read its settings.
 
     Raises:
-        UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
-        InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
-            the settings name does not exist or is of no use.
+        UnknownName: no such method, or it has no such setting.
+        InvalidValue: a setting outside its bounds.
     """
-    campaign = check_spec(spec)
-    check_references(campaign, store)
-    return campaign
+    description = describe_method(name)
+    return ResolvedMethod(description, description.read_settings(given, field), given, field)
 
 
-def list_offers(
-    campaigns: Iterable[resolution.ResolvedCampaign], store: "Store"
-) -> tuple[BridgeOffer, ...]:
+def find_searching(method: ResolvedMethod) -> ResolvedMethod:
+    """Return the method of an ensemble's members, or the method itself."""
+    # An ensemble only shares out the episodes: what noise means is up to its members.
+    if not method.traits.has_members:
+        return method
+    members = method.settings
+    return resolve_method(members.method, members.settings, f"{method.field}.settings")
+
+
+def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
+    """Return the spec with the defaults of its method, planner and scenario written out.
+
+    Two specs that differ only in which defaults they write out become equal. A plug-in that is not
+    installed here, or that has changed since and refuses the settings, leaves its part unchanged.
+    """
+    return _fill_written(msgspec.json.encode(spec, order="deterministic"))
+
+
+# Reading the settings types of plug-ins takes most of the time of a comparison, and campaigns that
+# are compared are mostly written alike: so specs are kept by their text.
+@lru_cache(maxsize=MOST_SPECS)
+def _fill_written(written: bytes) -> CampaignSpec:
+    spec = msgspec.json.decode(written, type=CampaignSpec)
+    world = world_of(spec.simulator)
+    for fill in (_fill_method, world.fill_planner, world.fill_scenario):
+        with contextlib.suppress(EigenfailError):
+            spec = fill(spec)
+    return spec
+
+
+def _fill_method(spec: CampaignSpec) -> CampaignSpec:
+    settings = resolve_method(spec.method, spec.settings).settings
+    return replace(spec, settings=msgspec.to_builtins(settings))
+
+
+def check_estimates(method: ResolvedMethod, field: str, *, of_exploits: bool = False) -> None:
+    """Make sure that a method estimates a probability under its settings.
+
+    Args:
+        method: method with its settings.
+        field: what asks for the probability.
+        of_exploits: the probability is to come from what the method proposes without learning on.
+
+    Raises:
+        InvalidValue: it makes no estimate.
+    """
+    known = method.description
+    if not (known.weighs if of_exploits else known.estimates):
+        problem = f"{method.name} estimates no probability."
+        raise InvalidValue(field, problem, "Leave this rule out, or take a method that does.")
+    if why := explain_no_estimate(method.settings):
+        problem = f"{method.name} estimates no probability here: {why}"
+        raise InvalidValue(field, problem, "Or leave this rule out.")
+
+
+def list_varied(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the scenario parameters that have a distribution."""
+    given = spec.scenario_parameters.items()
+    return tuple(name for name, value in given if is_distribution(value))
+
+
+def list_drawn(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the scenario parameters that each episode draws from its seed, not by its noise."""
+    searched = spec.disturbance.searched_parameters
+    return tuple(name for name in list_varied(spec) if name not in searched)
+
+
+def is_distribution(value: Any) -> bool:
+    """Return whether a scenario parameter is drawn for each episode."""
+    return isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
+
+
+def list_offers(campaigns: Iterable[ResolvedCampaign], store: "Store") -> tuple[BridgeOffer, ...]:
     """Return the known offers of bridges, if any of the campaigns needs a bridge."""
     needed = any(world_of(each.spec.simulator).needs_bridge for each in campaigns)
     return store.roster.list_offers() if needed else ()
 
 
-def check_offers(campaign: resolution.ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
+def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
     """Check that each bridge offers what a campaign needs, if it needs one.
 
     A worker whose bridge does not would decline the campaign, which is then paused. Without a known
@@ -59,7 +187,7 @@ def check_offers(campaign: resolution.ResolvedCampaign, offers: Iterable[BridgeO
         world.check_offer(campaign.spec, offer)
 
 
-def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
+def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     """Resolve a campaign whose values are all known to make sense; references are not looked for.
 
     Nothing heavy is loaded for it: neither the simulator nor what methods train with.
@@ -75,11 +203,11 @@ def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
     convert(msgspec.to_builtins(spec), CampaignSpec)
     if spec.simulator not in list_simulators():
         raise UnknownName("simulator", spec.simulator, list_simulators())
-    method = resolution.resolve_method(spec.method, spec.settings)
+    method = resolve_method(spec.method, spec.settings)
     check_budget(method.settings, spec.episodes)
-    searching = resolution.find_searching(method)
+    searching = find_searching(method)
     if spec.stop.cv is not None:
-        resolution.check_estimates(searching, "stop.cv")
+        check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
     if (resolved_model := world.resolve_disturbance(spec)) != spec.disturbance:
@@ -91,13 +219,13 @@ def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
     if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:
         problem = "noise with a channel of the scenario, scaled, is of another scenario."
         raise InvalidValue("settings.scale", problem, "Replay it at scale 1.")
-    resolved = resolution.make_resolved_campaign(spec, method, searching)
+    resolved = ResolvedCampaign(spec, find_form(spec), method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
     return resolved
 
 
-def _check_parallel(campaign: resolution.ResolvedCampaign, parallel: int) -> None:
+def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
     """Raise InvalidValue if a method waits for each round, or would have too many open."""
     searching = campaign.searching
     if not searching.traits.tolerates_delay:
@@ -123,7 +251,7 @@ def _check_parallel(campaign: resolution.ResolvedCampaign, parallel: int) -> Non
         )
 
 
-def _check_chains(campaign: resolution.ResolvedCampaign, chains: int, parallel: int) -> None:
+def _check_chains(campaign: ResolvedCampaign, chains: int, parallel: int) -> None:
     """Raise InvalidValue if chains are too few, or would be kept waiting by a stop rule."""
     name = campaign.searching.name
     if parallel > chains:
@@ -151,7 +279,7 @@ def _check_course(spec: CampaignSpec, world: CampaignWorld) -> None:
             f"{spec.method} continues episodes from a step on, and functions have no steps.",
             "Take subset or mixture.",
         )
-    if varied := resolution.list_varied(spec):
+    if varied := list_varied(spec):
         raise InvalidValue(
             "scenario_parameters",
             f"{spec.method} continues episodes from a step on, and with {', '.join(varied)} drawn "
@@ -190,7 +318,7 @@ class RoundPace(msgspec.Struct, frozen=True):
     width: int | None = None
 
 
-def describe_stop_rules(campaign: resolution.ResolvedCampaign) -> Iterator[str]:
+def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
     """Return how late a campaign's stop rules may take effect, in sentences."""
     spec = campaign.spec
     rules = {name: limit for name, limit in spec.stop.given().items() if name in RESULT_RULES}
@@ -219,7 +347,7 @@ def describe_stop_rules(campaign: resolution.ResolvedCampaign) -> Iterator[str]:
         yield f"{judged}, of {size} episodes here: once {holds}, {more}"
 
 
-def find_pace(campaign: resolution.ResolvedCampaign) -> RoundPace | None:
+def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
     """Return the round sizes of the method, or of an ensemble's members; None if unknown."""
     searching = campaign.searching
     # How many learners share the episodes.

@@ -16,7 +16,7 @@ from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.comparison import Distinction, PairTotals
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.worlds import list_channels
-from eigenfail_services.campaigns.resolution import fill_defaults
+from eigenfail_services.campaigns.validation import fill_defaults
 from eigenfail_services.store import Store
 
 Group = tuple[Campaign, ...]

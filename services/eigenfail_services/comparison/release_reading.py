@@ -249,7 +249,7 @@ def _read_behaviours(store: Store, analysis: int, campaign: Campaign) -> _Campai
     from_start = None
     if not campaign.spec.fails_by_collision_alone:
         # These failures need not end in a collision: all their steps count, from the start.
-        from_start = world_of(campaign.spec.simulator).horizon(campaign.spec)
+        from_start = campaign.form.steps
     found = store.episodes.mode_courses(analysis, campaign.id, SAMPLED)
     steps_s = {course.dt_s for _, courses in found.values() for course in courses}
     read = {

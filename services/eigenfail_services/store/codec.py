@@ -12,7 +12,14 @@ from sqlalchemy import ColumnElement, Connection, Executable, RowMapping, Table,
 
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, Floats, decode_array, encode_array
-from eigenfail.values.campaign import Campaign, CampaignState, Counts, Overhead, RunPart
+from eigenfail.values.campaign import (
+    Campaign,
+    CampaignState,
+    Counts,
+    EpisodeForm,
+    Overhead,
+    RunPart,
+)
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
@@ -37,6 +44,7 @@ _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
 _parts = msgspec.json.Decoder(tuple[RunPart, ...])
+_forms = msgspec.json.Decoder(EpisodeForm)
 _codes = msgspec.json.Decoder(tuple[Versions, ...])
 _tags = msgspec.json.Decoder(tuple[str, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
@@ -49,7 +57,9 @@ COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, str
 OVERHEAD = Overhead.__struct_fields__
 
 
-def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...] | tuple[Versions, ...]) -> str:
+def to_json(
+    value: AnalysisSettings | EpisodeForm | Estimate | tuple[RunPart, ...] | tuple[Versions, ...],
+) -> str:
     """Return the canonical JSON text of a value: equal values have equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
 
@@ -147,6 +157,7 @@ def to_campaign(found: RowMapping) -> Campaign:
         parts=() if parts is None else _parts.decode(parts),
         code=() if code is None else _codes.decode(code),
         overhead=Overhead(*spent),
+        form=_forms.decode(values.pop("form")),
         **values,
     )
 

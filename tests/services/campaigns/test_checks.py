@@ -5,13 +5,13 @@ import sys
 
 import msgspec
 import pytest
+from resolved import resolve_campaign
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import MAX_DEPTH
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail_services.campaigns.resolution import fill_defaults, resolve_campaign
-from eigenfail_services.campaigns.validation import check_spec
+from eigenfail_services.campaigns.validation import check_spec, fill_defaults
 
 GOOD = CampaignSpec(
     name="first", method="monte_carlo", episodes=10, planner="idm", simulator="point_mass"
@@ -28,7 +28,7 @@ def test_a_good_spec_comes_back_as_it_was():
 
 
 def test_the_horizon_is_the_scenarios():
-    assert resolve_campaign(GOOD).horizon == 100
+    assert resolve_campaign(GOOD).form.steps == 100
 
 
 @pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "cma", "replay", "subset"])
@@ -159,11 +159,11 @@ VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12
 def test_the_horizon_of_a_distribution_is_that_of_its_longest():
     assert check_spec(but(scenario_parameters=VARIED)).spec.scenario_parameters == VARIED
     slowest = {"distance_m": 52.0, "actor_speed_mps": 16.0}
-    longest = resolve_campaign(but(scenario_parameters=slowest)).horizon
+    longest = resolve_campaign(but(scenario_parameters=slowest)).form.steps
     assert (
-        resolve_campaign(but(scenario_parameters=VARIED)).horizon
+        resolve_campaign(but(scenario_parameters=VARIED)).form.steps
         == longest
-        > resolve_campaign(GOOD).horizon
+        > resolve_campaign(GOOD).form.steps
     )
 
 
@@ -186,7 +186,9 @@ def test_a_function_is_listed_to_be_launched_but_not_to_be_read(monkeypatch):
     monkeypatch.delenv("EIGENFAIL_FUNCTIONS")
     with pytest.raises(InvalidValue, match="eigenfail up --functions m"):
         check_spec(spec)
-    assert resolve_campaign(spec).horizon == fill_defaults(spec).scenario_parameters["steps"] == 7
+    assert (
+        resolve_campaign(spec).form.steps == fill_defaults(spec).scenario_parameters["steps"] == 7
+    )
 
 
 SPLITTING = {"method": "splitting", "episodes": 4000}

@@ -19,7 +19,7 @@ from eigenfail_services.campaigns.drafts import (
     list_continuations,
     read_draft,
 )
-from eigenfail_services.campaigns.resolution import fill_defaults
+from eigenfail_services.campaigns.validation import fill_defaults
 from eigenfail_services.comparison.comparability import compare_settings
 from eigenfail_services.comparison.sides import (
     MOST,

@@ -1,38 +1,42 @@
-"""How long an episode without a collision lasts."""
+"""How long an episode without a collision lasts, as a campaign keeps it."""
 
 import pytest
 from msgspec.structs import replace
 
-from eigenfail import functions, plugins
+from eigenfail import functions
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_services.campaigns.summary import find_horizon_s
+from eigenfail_services.store import Store, open_store
 
 SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=10)
 
 
-def test_it_is_the_scenarios_in_seconds() -> None:
-    assert find_horizon_s(SPEC) == 10.0
+@pytest.fixture
+def store() -> Store:
+    return open_store("memory://")
 
 
-def test_of_a_bridge_it_is_what_the_campaign_says() -> None:
+def test_form_is_that_of_the_scenario(store: Store) -> None:
+    form = store.campaigns.create(SPEC).form
+    assert form == EpisodeForm(100, 0.1, ("longitudinal", "lateral"))
+
+
+def test_form_is_read_with_its_campaign(store: Store) -> None:
+    made = store.campaigns.create(SPEC)
+    assert store.campaigns.get(made.id).form == made.form
+
+
+def test_form_of_a_bridge_is_what_the_campaign_says(store: Store) -> None:
     given = {"steps": 40, "dt_s": 0.25}
-    assert find_horizon_s(replace(SPEC, simulator="bridge", scenario_parameters=given)) == 10.0
+    made = store.campaigns.create(replace(SPEC, simulator="bridge", scenario_parameters=given))
+    assert (made.form.steps, made.form.step_s) == (40, 0.25)
 
 
-def test_steps_of_a_function_have_no_duration() -> None:
-    assert find_horizon_s(replace(SPEC, simulator=functions.SIMULATOR)) is None
+def test_steps_of_a_function_have_no_duration(store: Store) -> None:
+    function = {"simulator": functions.SIMULATOR, "scenario": "function", "planner": "m:f"}
+    made = store.campaigns.create(replace(SPEC, **function, scenario_parameters={"steps": 7}))
+    assert (made.form.steps, made.form.step_s) == (7, None)
 
 
-def test_a_scenario_that_is_not_here_has_none() -> None:
-    assert find_horizon_s(replace(SPEC, scenario="gone")) is None
-
-
-@pytest.mark.parametrize("error", [RuntimeError, KeyError])
-def test_a_scenario_that_raises_costs_no_summary(monkeypatch, error) -> None:
-    def broken() -> None:
-        raise error("a stranger's bug")
-
-    load = plugins.load
-    known = {(plugins.SCENARIOS, "broken"): broken}
-    monkeypatch.setattr(plugins, "load", lambda *name: known.get(name) or load(*name))
-    assert find_horizon_s(replace(SPEC, name=error.__name__, scenario="broken")) is None
+def test_campaign_of_a_scenario_that_is_not_here_has_no_form(store: Store) -> None:
+    assert store.campaigns.create(replace(SPEC, scenario="gone")).form == EpisodeForm()

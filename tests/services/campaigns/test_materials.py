@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 import pytest
+from resolved import resolve_campaign
 from store_checks.examples import deliver, name_channels, result_of
 
 from eigenfail import plugins
@@ -33,9 +34,6 @@ from eigenfail_services.campaigns.references import (
     learner_context,
     leave_out_births,
     read_experience,
-)
-from eigenfail_services.campaigns.resolution import (
-    resolve_campaign,
 )
 from eigenfail_services.campaigns.rounds import run_in_process
 from eigenfail_services.hub.learner_process import create_rounds
@@ -244,7 +242,7 @@ def data(numbers, **fields) -> CampaignSpec:
 def experience_of(spec: CampaignSpec, store):
     found = resolve_campaign(spec)
     check_references(found, store)
-    return read_experience(found, store)
+    return read_experience(found.searching, found.form, store)
 
 
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:

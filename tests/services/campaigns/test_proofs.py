@@ -8,6 +8,7 @@ from threading import Event
 import numpy as np
 import pytest
 from campaigns_here import run_here
+from resolved import resolve_campaign
 from store_checks.examples import name_channels, running
 
 from eigenfail import plugins
@@ -33,7 +34,6 @@ from eigenfail_services.campaigns.proofs import (
     summarise_proof,
 )
 from eigenfail_services.campaigns.references import check_references
-from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
 from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy

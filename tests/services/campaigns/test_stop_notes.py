@@ -2,14 +2,18 @@
 
 import numpy as np
 import pytest
+from resolved import resolve_campaign
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.learning import LearnerContext, RoundSizes
-from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds
-from eigenfail_services.campaigns.validation import RoundPace, describe_stop_rules, find_pace
+from eigenfail_services.campaigns.validation import (
+    RoundPace,
+    describe_stop_rules,
+    find_pace,
+)
 
 TEN = StopRules(failures=10)
 

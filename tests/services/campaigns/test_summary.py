@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.tables import format_cell
-from eigenfail.values.campaign import Campaign, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, CampaignState, Counts, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.estimates import Estimate, Interval, Rate, RateDesign
 from eigenfail.values.records import ConflictTotals, Totals
@@ -28,6 +28,7 @@ def campaign(counts: Counts, active_s: float = 0.0, method: str = "monte_carlo")
         counts=counts,
         created_ms=1,
         active_s=active_s,
+        form=EpisodeForm(100, 0.1),
     )
 
 

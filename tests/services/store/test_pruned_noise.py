@@ -6,6 +6,7 @@ from contextlib import closing
 import pyarrow.parquet as pq
 import pytest
 from pruned import COUNT, EVERYTHING, FIFTHS, LOST, change, ended, fill
+from resolved import resolve_campaign
 from store_checks.examples import WORKER, deliver, running
 
 from eigenfail import plugins
@@ -18,7 +19,6 @@ from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import check_references, read_experience
-from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.comparison.comparability import pair_episodes
 from eigenfail_services.export_formats import ExportSource, Selection, write_parquet
 from eigenfail_services.store import Store, open_store
@@ -79,8 +79,9 @@ def test_a_campaign_cannot_learn_from_what_is_gone(sqlite_url) -> None:
         refused = f"settings.data_from: the noise of {LOST} episodes of campaign 1"
         with pytest.raises(InvalidValue, match=refused):
             check_references(resolve_campaign(wanted), store)
+        found = resolve_campaign(wanted)
         with pytest.raises(InvalidValue, match=refused):  # created although it was pruned meanwhile
-            read_experience(resolve_campaign(wanted), store)
+            read_experience(found.searching, found.form, store)
 
 
 def really_run(store: Store) -> None:

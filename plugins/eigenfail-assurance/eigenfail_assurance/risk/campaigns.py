@@ -15,8 +15,11 @@ from eigenfail_assurance.risk.pooling import find_planner, pick_named, refuse_un
 from eigenfail_assurance.risk.question import CampaignReference, RiskQuestion, RiskScenario
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.analysis_jobs import find_first_samples
-from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
-from eigenfail_services.campaigns.summary import count_unresolved, find_failure_rate
+from eigenfail_services.campaigns.summary import (
+    count_unresolved,
+    find_chain_mixing,
+    find_failure_rate,
+)
 from eigenfail_services.store import Store
 
 PAGE = 100

@@ -6,7 +6,7 @@ from chain_campaigns import CHAINS, EPISODES, Campaigns
 from eigenfail import plugins
 from eigenfail_assurance.risk.campaigns import assess_campaigns
 from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
-from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
+from eigenfail_services.campaigns.summary import find_chain_mixing
 
 pytestmark = pytest.mark.skipif(
     "chains" not in plugins.names(plugins.METHODS), reason="the method chains is not installed"

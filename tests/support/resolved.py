@@ -1,0 +1,15 @@
+"""Campaigns resolved without the checks that refuse what a service would not launch."""
+
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.worlds import find_form
+from eigenfail_services.campaigns.validation import (
+    ResolvedCampaign,
+    find_searching,
+    resolve_method,
+)
+
+
+def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
+    """Load the method and the scenario of a campaign, and read their settings."""
+    method = resolve_method(spec.method, spec.settings)
+    return ResolvedCampaign(spec, find_form(spec), method, find_searching(method))
