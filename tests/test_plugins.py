@@ -17,7 +17,7 @@ PLUGINS = sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))
 FOLDERS = ("sdk", "api", "services", "workers", "migrations", "tests", "benchmarks", "deploy")
 FILES = ("Makefile", "pyproject.toml", "conftest.py", "mkdocs.yml", "constraints.txt")
 TEXTS = {".py", ".md", ".toml", ".html", ".js", ".json", ".txt", ".yml", ".yaml", ".sh", ""}
-REMEDIES = {"sdk/eigenfail/cli/main.py", "sdk/eigenfail/contracts/recording.py"}
+REMEDIES = {f"sdk/eigenfail/{name}.py" for name in ("cli/main", "contracts/recording", "plugins")}
 """Modules whose errors say which package brings what is not installed."""
 
 LINK = re.compile(r"\[[^\]]*\]\([^)]*\)")

@@ -65,9 +65,10 @@ def test_an_extension_that_the_service_leaves_out_is_named(install):
 
 def test_a_method_of_a_package_that_is_absent_names_the_package(monkeypatch):
     monkeypatch.setattr(plugins, "list_entry_points", lambda group: {})
-    with pytest.raises(UnknownName, match=r"pip install plugins/eigenfail-searches") as raised:
+    package = plugins.PACKAGES[plugins.METHODS]["annealing"]
+    with pytest.raises(UnknownName, match=f"pip install plugins/{package}") as raised:
         plugins.load.__wrapped__(plugins.METHODS, "annealing")
-    assert "eigenfail-searches, which is not installed" in raised.value.problem
+    assert f"{package}, which is not installed" in raised.value.problem
     with pytest.raises(UnknownName, match="'anealing' is not known"):
         plugins.load.__wrapped__(plugins.METHODS, "anealing")
 

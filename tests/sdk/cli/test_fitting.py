@@ -35,7 +35,7 @@ def drawn(grid, width):
 
 
 def test_a_failure_rate_has_its_remark_below() -> None:
-    ended = replace(summary(23), counts=Counts(9, 9), unresolved=Unresolved(2, 0, 10.0))
+    ended = replace(summary(23), counts=Counts(9, 9), unresolved=Unresolved(2, 10.0))
     *_, line = drawn(render(tabulate_results([summary(1), ended])), 200)
     assert line == (
         "Campaign 23: 2 of 9 had no collision within 10 s, but ended while braking could not avoid "

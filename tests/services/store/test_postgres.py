@@ -113,8 +113,6 @@ postgres.LIMITS.update({"idle_in_transaction_session_timeout": "1s", "transactio
 from eigenfail_services.store.campaigns import lock_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.store.outbox import claim_first
-from eigenfail_services.store.postgres import limit_statement
 
 def rows():
     for row in range(20_000):
