@@ -73,6 +73,14 @@ def _check_extension(name: str, extension: object, taken: set[str]) -> None:
         problem = f"'{name}' is of the type {type(extension).__name__}, and must be an Extension."
         raise InvalidValue("route", problem, "Fix its package.")
     own = set(list_requests(extension.routers))
+    # None would open a route to callers without a key.
+    if strange := [each for each in extension.scopes if each not in [*Scope]]:
+        problem = f"'{name}' has a scope {strange[0]!r}, and must use those of `Scope`."
+        raise InvalidValue("route", problem, "Fix its package.")
+    for kind, names in extension.recorded.items():
+        if unknown := sorted({*names} - {*kind.__struct_fields__}):
+            problem = f"'{name}' records {unknown[0]}, which is no field of {kind.__name__}."
+            raise InvalidValue("route", problem, "Fix its package.")
     if both := sorted(own & taken):
         raise InvalidValue("route", f"'{name}' has {both[0]}, which exists.", "Fix its package.")
     if others := sorted({line for lines in extension.scopes.values() for line in lines} - own):

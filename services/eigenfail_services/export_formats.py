@@ -160,13 +160,14 @@ KEYS = ("eigenfail", "PANDAS_ATTRS")
 """Keys of a file's metadata, in JSON: eigenfail's own, and the one that pandas reads as `attrs`."""
 
 
-def require_pyarrow() -> None:
-    """Refuse to begin without the library, which comes with an extra.
+def has_pyarrow() -> bool:
+    """Return whether the library of Parquet is installed, which comes with an extra."""
+    return find_spec("pyarrow") is not None
 
-    Raises:
-        InvalidValue: it is not installed.
-    """
-    if find_spec("pyarrow") is None:
+
+def require_pyarrow() -> None:
+    """Raise InvalidValue if the library of Parquet is not installed."""
+    if not has_pyarrow():
         raise InvalidValue(
             "format",
             "Parquet needs pyarrow, which is not installed where the service runs.",

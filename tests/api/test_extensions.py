@@ -274,6 +274,9 @@ def test_requests_require_the_scopes_that_the_extension_says(bring, serve, store
         ('"/sheep")\ndef show', '"/workers")\ndef show', "has GET /workers, which exists"),
         ('("POST /api/v1/sheep",)', '("POST /api/v1/keys",)', "the scope of POST /api/v1/keys"),
         ('templates="eigenfail_sheep"', 'templates="eigenfail_goats"', "goats"),
+        ('Scope.VIEWER: ("POST', 'None: ("POST', "has a scope None, and must use"),
+        ('Scope.VIEWER: ("POST', '"viwer": ("POST', "has a scope 'viwer', and must use"),
+        ('("colour",)', '("color",)', "records color, which is no field of Fleece"),
     ],
 )
 def test_an_extension_that_cannot_be_used_is_logged_by_its_name(bring, serve, caplog, case):

@@ -21,7 +21,7 @@ from eigenfail_services import background
 from eigenfail_services.background import BackgroundTasks
 from eigenfail_services.store import migrate, open_store
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.upkeep import backup, maintenance
+from eigenfail_services.upkeep import backup
 
 FIRST = """
 import sqlalchemy as sa
@@ -144,7 +144,9 @@ def test_the_tables_stay_and_the_core_works_without_the_plugin(bring, url):
     store = open_store(url)
     assert store.campaigns.create(spec()).id == 1
     store.close()
-    maintenance.vacuum(url)
+    # PostgreSQL has a command of its own for this.
+    if url.startswith("sqlite"):
+        backup.vacuum(url)
     assert ask(url, lambda c: c.execute(text("SELECT name FROM plugin_sheep")).scalar()) == "Dolly"
 
 

@@ -287,6 +287,12 @@ Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False
 def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> HTMLResponse:
     """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
+    # Parts of the page are cached: they must be of the same state as the rest.
+    with store.figures.as_of(seen):
+        return _serve_campaign(store, seen, latest, again)
+
+
+def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None) -> HTMLResponse:
     # A page that asks again shows its second part already.
     begun = () if again else costs.prefetch_figures(store, seen)
     order = episodes_page.find_failure_order(seen)

@@ -27,6 +27,7 @@ from eigenfail_api.dashboard.rendering import (
     page,
 )
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
+from eigenfail_services.export_formats import has_pyarrow
 from eigenfail_services.store import Store
 
 ALL_ERRORED = "No episode was completed: all of them errored."
@@ -360,7 +361,9 @@ def list_exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str],
     """Return links to the same episodes as files."""
     query = urlencode({"filter": asked.filter, "sort": str(asked.sort)})
     path = f"{PREFIX}/campaigns/{campaign}/episodes"
-    return tuple((word, f"{path}.{word.lower()}?{query}") for word in ("CSV", "NDJSON", "Parquet"))
+    # A link that a browser downloads cannot show why there is no file.
+    words = ("CSV", "NDJSON", "Parquet") if has_pyarrow() else ("CSV", "NDJSON")
+    return tuple((word, f"{path}.{word.lower()}?{query}") for word in words)
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -184,7 +184,10 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Show safety, cost and workers of a campaign, which the campaign's page loads later."""
     seen = store.campaigns.get(campaign)
-    return page("measures.html", read_measures(seen, find_figures(store, seen)))
+    # Safety, cost and workers must be of one state of the campaign.
+    with store.figures.as_of(seen):
+        figures = find_figures(store, seen)
+    return page("measures.html", read_measures(seen, figures))
 
 
 def _make_time_cell(at_ms: int) -> FormattedCell:

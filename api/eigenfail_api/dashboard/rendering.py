@@ -27,6 +27,7 @@ from eigenfail.values.episode import ERRORED, Outcome
 from eigenfail.values.summary import Summary
 from eigenfail.wire import http
 from eigenfail.wire.http import PREFIX, Problem
+from eigenfail_services.export_formats import has_pyarrow
 
 FOLDER = Path(__file__).parent
 
@@ -387,6 +388,7 @@ def make_environment() -> jinja2.Environment:
         "analysis_badges": ANALYSIS_BADGES,
         "campaign_badges": CAMPAIGN_BADGES,
         "state_word": state_word,
+        "has_pyarrow": has_pyarrow,
     }
     return made
 

@@ -85,7 +85,9 @@ def _search(store: Store, text: str) -> Iterator[HitGroup]:
     for title, where in wanted.items():
         found = store.campaigns.page(MOST_HITS, where=CampaignFilter(**where))
         hits = tuple(map(_make_campaign_hit, found.items))
-        yield HitGroup(title, hits, found.next is not None, f"/?{urlencode(where)}")
+        yield HitGroup(
+            title, hits, found.next is not None, f"/?{urlencode(where | {'archived': 'true'})}"
+        )
     # One more is searched for than the page lists: it says whether there are more.
     modes = [
         Hit(

@@ -296,7 +296,11 @@ def encode_suite(text: str) -> bytes:
     if "method" in table:
         remedy = "Fill in the launch form from it."
         raise InvalidValue("", "The file describes a campaign, not a suite.", remedy)
-    return msgspec.json.encode(table)
+    try:
+        return msgspec.json.encode(table)
+    except RecursionError:
+        # TOML reads a dotted key of any length without recursion.
+        raise InvalidValue("", "The file is nested too deeply.") from None
 
 
 def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[launch_page.LaunchTrouble]:

@@ -39,22 +39,21 @@ def queue_messages(store: Store, outbox: Outbox) -> None:
     """
     while (place := outbox.find_place()) is not None:
         events = store.events.after(place, BATCH)
-        messages = [found for event in events if (found := _make_message(store, event)) is not None]
-        if messages or len(events) == BATCH:
+        wanted = [event for event in events if (event.kind, event.state) in MAKERS]
+        messages = [found for event in wanted if (found := _make_message(store, event)) is not None]
+        # An event without a message that is due is passed, too: it would be tried for ever.
+        if wanted or len(events) == BATCH:
             outbox.queue(messages, events[-1].id)
         if len(events) < BATCH:
             return
 
 
 def _make_message(store: Store, event: Event) -> EventMessage | None:
-    """Return the message on an event; None if there is none on events of its kind."""
-    make = MAKERS.get((event.kind, event.state))
-    if make is None:
-        return None
-    kind, describe = make
+    """Return the message on an event of a kind that has one; None if it cannot be made."""
+    kind, describe = MAKERS[event.kind, event.state]
     try:
         return EventMessage(event.id, event.at_ms, kind, describe(store, event))
-    except (NotFound, msgspec.MsgspecError):
+    except (NotFound, msgspec.MsgspecError, ValueError):
         # Rows that were damaged or deleted by hand must not hold up all messages after this one.
         log.exception("no message on an event", event_id=event.id, kind=event.kind)
         return None

@@ -167,7 +167,8 @@ class Outbox:
                 if told:
                     kind, data, at_ms = message.kind.value, message.data, message.at_ms
                     _insert_deliveries(connection, told, kind, data, at_ms)
-            behind = webhooks.c.active, webhooks.c.read_through < through
+            looked_at = [row.id for row in found]
+            behind = webhooks.c.id.in_(looked_at), webhooks.c.read_through < through
             connection.execute(sa.update(webhooks).where(*behind).values(read_through=through))
 
     def has_due(self, at_ms: int) -> bool:
@@ -280,7 +281,7 @@ def _select_webhook(at_ms: int) -> sa.Select[int, str, str]:
         .order_by(_out.next_ms, _out.id)
         .limit(1)
         # A webhook that another transaction holds gets a delivery of that one, or is changed.
-        # Transactions that queue an event for it do not conflict.
+        # One that queues events holds all of them: then nothing is claimed until the next turn.
         .with_for_update(of=webhooks, key_share=True, skip_locked=True)
     )
 

@@ -71,14 +71,15 @@ def list_versions() -> Iterator[Finding]:
 def list_plugins() -> Iterator[Finding]:
     """Which plug-ins there are, by group, those that cannot be loaded, and groups nobody reads."""
     # Extensions of the API are left out by a service that cannot load them: its log says so, and
-    # their pages are missing. Where no service can run, they cannot be loaded, and need not be.
-    of_service = (plugins.ROUTES,) if find_spec("fastapi") else ()
-    for group in (*GROUPS, *of_service):
+    # their pages are missing; the same holds for background tasks. Where no service can run, they
+    # cannot be loaded, and need not be.
+    of_service = (plugins.ROUTES, plugins.TASKS, plugins.TABLES) if find_spec("fastapi") else ()
+    for group in (*GROUPS, *of_service, plugins.EXPORTS, plugins.NOTEBOOKS):
         yield Finding(group, ", ".join(plugins.names(group)) or "none")
         for name in plugins.names(group):
             try:
                 plugins.load(group, name)
-            except InvalidValue as error:
+            except EigenfailError as error:
                 yield Finding(f"{group}: {name}", error.problem, wrong=True)
     for group, meant in plugins.list_misspelt_groups().items():
         found = "no such group of entry points: its plug-ins are ignored"
@@ -171,7 +172,7 @@ def check_database(database: str | None, replay: int) -> Iterator[Finding]:
         yield Finding("database", error.problem, wrong=True, remedy=error.remedy)
         return
     state = f"{found.database}: {found.defects or 'no'} defects"
-    remedy = "eigenfail db verify lists them" if found.defects else ""
+    remedy = "eigenfail db verify lists them; restore a backup" if found.defects else ""
     yield Finding("database", state, bool(found.defects), remedy)
     for check in found.checks:
         held = f"{check.promise} Defects: {check.defects or 'none'}."

@@ -210,7 +210,7 @@ class Episodes:
             UnknownName: a format, column or value that there is not.
             InvalidValue: a filter that cannot be read, or a format that cannot hold what is
                 wanted, or that the service cannot write.
-            ServiceError: the export failed, or the file cannot be written.
+            ServiceError: the file cannot be written.
         """
         request = read_fields(wanted, ExportRequest)
         place = Path(path)

@@ -207,8 +207,6 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
 class EpisodeDetail(Shown, EpisodeResult, frozen=True, eq=False, kw_only=True):
     """A result with its assessment from outcome and measures, as the service returns it.
 
-    Its table is that of its noise, with the names of the channels.
-
     Attributes:
         channels: names of the channels of the noise, in the order of the columns of z.
         likelihoods: how likely the noise of each channel was; none of an episode without a step.

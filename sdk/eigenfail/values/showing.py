@@ -1,11 +1,13 @@
 """How values show themselves: briefly, and in a notebook as a plug-in shows them."""
 
+import warnings
 from collections.abc import Sized
 from typing import ClassVar
 
 import numpy as np
 
 from eigenfail import plugins
+from eigenfail.errors import EigenfailError
 
 MOST_ITEMS = 6
 """Number of items of a sequence that a repr shows."""
@@ -23,7 +25,12 @@ class Shown:
         """The value for a notebook; None: the notebook shows its repr."""
         if "html" not in plugins.names(plugins.NOTEBOOKS):
             return None
-        html: str = plugins.load(plugins.NOTEBOOKS, "html")(self)
+        try:
+            html: str = plugins.load(plugins.NOTEBOOKS, "html")(self)
+        except EigenfailError as error:
+            # A notebook would print a traceback above each value.
+            warnings.warn(f"Values are shown without tables: {error}", stacklevel=1)
+            return None
         return html
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from typing import Any, NamedTuple
 
 from eigenfail.values.analysis import FEWEST_OF_MODE, Analysis, AnalysisResult, AnalysisState
@@ -123,7 +124,10 @@ def read_figures(store: Store, campaign: Campaign) -> CampaignFigures:
 def prefetch_figures(store: Store, campaign: Campaign) -> Sequence[Future[Any]]:
     """Start computing the sums that `find_figures` needs; the store caches them."""
     asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
-    return [POOL.submit(ask, campaign.id) for ask in asked]
+    # `as_of` sets a context variable, and a thread of the pool sees it only in a copy of the
+    # context.
+    with store.figures.as_of(campaign):
+        return [POOL.submit(copy_context().run, ask, campaign.id) for ask in asked]
 
 
 def is_prefetched(begun: Sequence[Future[Any]]) -> bool:

@@ -316,6 +316,10 @@ def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
             trajectories, or a learner's state, that do not exist or are of no use.
         NotFound: its settings name a campaign, analysis or episode that does not exist.
     """
+    # Without a form no length is known: the scenario was not installed when the campaign was made.
+    if not campaign.form.steps:
+        problem = "the length of its episodes was not known when the campaign was created."
+        raise InvalidValue("scenario", problem, "Launch the campaign again.")
     method = find_searching(resolve_method(campaign.spec.method, campaign.spec.settings))
     trajectories = read_trajectories(method, store)
     learners = method.given_references(*LEARNERS)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from eigenfail.errors import InputError
 from eigenfail.methods import traits_of
 from eigenfail.values.analysis import AnalysisResult
 from eigenfail.values.campaign import FINAL_STATES, Campaign
@@ -206,12 +205,7 @@ def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None
         return f"Campaign {campaign.id} is not analysed{_describe_next(store, campaign.id)}"
     # A finished analysis never changes, so the cache needs no state.
     question = ("modes of a campaign", analysis, campaign.id)
-    try:
-        found = store.answers.get(
-            question, None, lambda: _read_behaviours(store, analysis, campaign)
-        )
-    except InputError as error:
-        return f"The scenario of campaign {campaign.id} is not installed here as it was: {error}"
+    found = store.answers.get(question, None, lambda: _read_behaviours(store, analysis, campaign))
     if found is None:
         return f"The scenes of the failures of campaign {campaign.id} are not stored."
     return _describe_snapshot(store, campaign, found) or found
@@ -225,6 +219,9 @@ def _find_obstacle(campaign: Campaign) -> str:
         return f"Campaign {campaign.id} completed no episode."
     if campaign.counts.failures and not world_of(campaign.spec.simulator).has_road:
         return "Failures of functions have no behaviour by which modes could be compared."
+    # Failures without a collision are compared over whole episodes, whose length must be known.
+    if not (campaign.form.steps or campaign.spec.fails_by_collision_alone):
+        return f"The scenario of campaign {campaign.id} was not known when it was created."
     return ""
 
 

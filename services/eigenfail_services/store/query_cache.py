@@ -4,15 +4,18 @@ Results are only ever added, so an answer about results holds as long as their n
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from functools import reduce
 from math import ceil
 from threading import Lock
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import msgspec
 import sqlalchemy as sa
 
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import WorkerShare
@@ -49,6 +52,12 @@ class _Entry:
         self.state: Hashable = _NEVER
         self.answer: Any = None
 
+    def holds_for(self, state: Hashable) -> bool:
+        """Return whether the answer is of a state; of numbers of results, of as many or more."""
+        if isinstance(state, int) and isinstance(self.state, int):
+            return self.state >= state
+        return self.state == state
+
 
 class AnswerCache:
     """The latest answers; each is computed once, however many threads ask for it.
@@ -67,14 +76,15 @@ class AnswerCache:
 
         Args:
             question: what is asked: a name, and what it is asked of.
-            state: whatever changes when the answer does; read before the answer is computed.
+            state: whatever changes when the answer does; read before the answer is computed. An
+                answer of more results holds for fewer, so that two threads do not take turns.
             make: computes the answer.
         """
         entry = self._entry(question)
         # Each entry has a lock of its own: threads with the same question wait for one answer, and
         # other threads do not wait.
         with entry.lock:
-            if entry.state != state:
+            if not entry.holds_for(state):
                 entry.answer, entry.state = make(), state
             answer: Answer = entry.answer
             return answer
@@ -83,13 +93,14 @@ class AnswerCache:
         """Return the answer to a question if it is known, else None."""
         entry = self._entry(question)
         with entry.lock:
-            return entry.answer if entry.state == state else None
+            return entry.answer if entry.holds_for(state) else None
 
     def put(self, question: Hashable, state: Hashable, answer: object) -> None:
         """Keep an answer that was computed elsewhere, with others in one query."""
         entry = self._entry(question)
         with entry.lock:
-            entry.answer, entry.state = answer, state
+            if not entry.holds_for(state):
+                entry.answer, entry.state = answer, state
 
     def _entry(self, question: Hashable) -> _Entry:
         with self._lock:
@@ -101,6 +112,18 @@ class AnswerCache:
 
 
 More = ParamSpec("More")
+
+
+class _CountedCampaign(NamedTuple):
+    """The number of results that a campaign of a store had when it was read."""
+
+    queries: "CachedQueries"
+    campaign: int
+    results: int
+
+
+# A context variable, as the sums of a page are computed in several threads.
+_COUNTED: ContextVar[_CountedCampaign | None] = ContextVar("counted campaign", default=None)
 
 
 class CachedQueries:
@@ -119,6 +142,20 @@ class CachedQueries:
         self._answers = answers
         # Of their own: a list of campaigns would push all other answers out.
         self._totals = AnswerCache(MOST_TOTALS)
+
+    @contextmanager
+    def as_of(self, campaign: Campaign) -> Iterator[None]:
+        """Within the block, take the number of results from a campaign that was read before.
+
+        The sums of a running campaign would otherwise be computed anew for each result that arrives
+        between two questions of one page.
+        """
+        results = campaign.counts.completed + campaign.counts.errored
+        token = _COUNTED.set(_CountedCampaign(self, campaign.id, results))
+        try:
+            yield
+        finally:
+            _COUNTED.reset(token)
 
     def once(
         self,
@@ -151,6 +188,9 @@ class CachedQueries:
         return known
 
     def _count(self, campaigns: Sequence[int]) -> dict[int, int]:
+        counted = _COUNTED.get()
+        if counted and counted.queries is self and [*campaigns] == [counted.campaign]:
+            return {counted.campaign: counted.results}
         with self._database.reading() as connection:
             return count_results(connection, campaigns)
 
@@ -321,6 +361,10 @@ class FigureStore:
     def __init__(self, database: Database, cached: CachedQueries) -> None:
         self._database = database
         self._cached = cached
+
+    def as_of(self, campaign: Campaign) -> AbstractContextManager[None]:
+        """Return a context in which questions about a campaign do not count its results again."""
+        return self._cached.as_of(campaign)
 
     def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
         """Return `EpisodeStore.totals` of several campaigns, by id."""

@@ -1,1 +1,1 @@
-"""Maintenance of a database: check, repair, backup, restoration and pruning."""
+"""Maintenance of a database: check, backup, restoration, vacuum and pruning."""

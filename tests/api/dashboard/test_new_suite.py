@@ -65,6 +65,7 @@ def test_the_example_and_members_that_build_upon_others_are_valid(draw):
         ("name = ", "The file is not TOML: Invalid value (at end of document)"),
         (SUITE.replace("[base]", "[base"), "at line 3"),
         ("[" * 5_000, "The file is not TOML"),
+        (".".join(["a"] * 3_000) + " = 1", "The file is nested too deeply."),
         (f"x = {'9' * 5_000}", "The file is not TOML"),
         ('name = "one"\nmethod = "cem"\nepisodes = 5', "describes a campaign, not a suite"),
         (SUITE.replace("[grid]", "[gird]"), "Did you mean 'grid'"),

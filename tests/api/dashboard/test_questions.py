@@ -100,6 +100,33 @@ def test_what_has_not_changed_is_not_read_again(database, browse):
     assert [each for each in whole if " IN " not in each] == []
 
 
+COUNT = re.compile(r"SELECT campaigns\.id, campaigns\.completed \+ campaigns\.failed")
+
+
+def test_the_pages_of_a_campaign_take_its_number_of_results_from_its_row(database, browse):
+    add(database, 1, 3)
+    with browse() as client:
+        for page in ("/campaigns/1", "/campaigns/1/measures"):
+            assert not [each for each in asked(client, page) if COUNT.match(each)]
+        assert [each for each in asked(client, "/") if COUNT.match(each)]
+
+
+def test_answers_as_of_a_campaign_are_of_its_results_when_it_was_read(database):
+    first, second = (database.campaigns.create(spec(episodes=3)).id for _ in range(2))
+    totals = database.episodes.totals
+    for each in (first, second):
+        deliver(database, database.campaigns.move(each, CampaignState.RUNNING), collision(0))
+    read = database.campaigns.get(first)
+    assert [totals(each).failures for each in (first, second)] == [1, 1]
+    for each in (first, second):
+        deliver(database, database.campaigns.get(each), collision(1))
+    with database.figures.as_of(read):
+        assert [totals(each).failures for each in (first, second)] == [1, 2]
+    with database.figures.as_of(database.campaigns.get(first)):
+        assert totals(first).failures == 2
+    assert totals(first).failures == 2
+
+
 def test_a_chart_has_at_most_two_thousand_points(store, http, monkeypatch):
     asked_for = []
     samples = store.figures.samples

@@ -51,7 +51,7 @@ def test_more_campaigns_than_the_page_has_are_a_list_away(http, hits, make):
     made = [make("sweep") for _ in range(MOST_HITS + 1)]
     assert hits("sweep") == [f"/campaigns/{each}" for each in made[:0:-1]]
     page = http.get("/search?q=sweep").text
-    assert 'href="/?search=sweep"' in page
+    assert 'href="/?search=sweep&amp;archived=true"' in page
     assert f"The first {MOST_HITS} are listed, and there are more." in page
 
 
@@ -68,7 +68,8 @@ def test_suites_are_cut_with_words(http, hits, make):
     assert page.count(f"The first {MOST_HITS} are listed, and there are more.") == 2
     assert page.count("Type a longer part of the name.") == 1
     assert len([each for each in hits("nightly") if each.startswith("/suites/")]) == MOST_HITS
-    assert '<a href="/?tag=wet">List all of them</a>' in http.get("/search?q=wet").text
+    link = '<a href="/?tag=wet&amp;archived=true">List them without replays</a>'
+    assert link in http.get("/search?q=wet").text
 
 
 def test_campaigns_are_found_by_their_planners_version_and_by_tags(http, hits, make):

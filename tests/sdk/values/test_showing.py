@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from eigenfail import plugins
+from eigenfail.errors import InvalidValue
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.rows import Rows
 
@@ -24,6 +25,16 @@ def test_a_value_is_html_where_a_plug_in_writes_it_and_its_repr_elsewhere(shown_
     assert rows._repr_html_() is None
     shown_by(lambda value: f"<p>{type(value).__name__}</p>")
     assert rows._repr_html_() == "<p>Rows</p>"
+
+
+def test_a_plug_in_that_cannot_be_loaded_leaves_the_repr_and_one_warning(monkeypatch):
+    def refuse(group, name):
+        raise InvalidValue(group, f"'{name}' cannot be loaded: no pandas.", "Install it.")
+
+    monkeypatch.setattr(plugins, "names", lambda group: ["html"])
+    monkeypatch.setattr(plugins, "load", refuse)
+    with pytest.warns(UserWarning, match="without tables.*no pandas"):
+        assert Rows(lambda: iter(()))._repr_html_() is None
 
 
 def test_a_repr_is_short_however_much_a_value_holds():

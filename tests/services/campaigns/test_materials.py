@@ -12,7 +12,7 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.analysis import AnalysisSettings
-from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign import CampaignState, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.episode import (
     EpisodeFault,
@@ -58,6 +58,10 @@ class House:
 
     def context(self, campaign: int):
         return learner_context(self.store.campaigns.get(campaign), self.store)
+
+    def forget_form(self, campaign: int):
+        """The campaign as it is where its scenario was not installed when it was created."""
+        return msgspec.structs.replace(self.store.campaigns.get(campaign), form=EpisodeForm())
 
     def begun(self, campaign: int):
         """The rounds of a learner that was told over the wire what it is."""
@@ -413,3 +417,9 @@ def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:
     context = memory.context(memory.create(method="replay", settings=settings))
     assert context.trajectories.shape == (2, 100, 2)
     assert context.predecessors == ()
+
+
+def test_a_learner_without_a_known_length_of_episodes_is_refused(house):
+    unknown = house.forget_form(house.create(**CEM))
+    with pytest.raises(InvalidValue, match="length of its episodes was not known"):
+        learner_context(unknown, house.store)

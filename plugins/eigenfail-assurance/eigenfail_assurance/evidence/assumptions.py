@@ -93,7 +93,7 @@ def _list_probability_assumptions(counted: CountedCampaign) -> Iterator[str]:
             yield "Errored episodes count as failures in upper bounds, and as none in lower ones."
         if counted.unresolved:
             yield (
-                "Episodes that ended unresolved, or may have, count as failures in upper bounds, "
+                "Episodes that ended unresolved count as failures in upper bounds, "
                 "and as none in lower ones."
             )
         return

@@ -267,7 +267,7 @@ def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
 
 
 def _sum_unresolved(store: Store, campaigns: Sequence[Campaign]) -> int:
-    """Return the number of episodes that ended unresolved, or of which that is not known."""
+    """Return the number of episodes that ended unresolved."""
     return sum(count_unresolved(store, each) for each in campaigns)
 
 

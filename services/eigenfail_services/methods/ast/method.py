@@ -187,7 +187,7 @@ def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) ->
         raise InvalidValue(
             FIELD,
             f"the networks of campaign {campaign} do not fit: {error}.",
-            "Use that campaign's `hidden`.",
+            "Use that campaign's `hidden` and `trainer`.",
         ) from error
 
 
