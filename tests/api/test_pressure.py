@@ -122,7 +122,10 @@ def full_log(server):
     """Very many events in the log."""
     open_store(server.database).close()
     engine = create_engine(server.database)
-    rows = ({"id": i, "at_ms": 0, "kind": "test", "message": SAID} for i in range(1, EVENTS + 1))
+    rows = (
+        {"id": i, "at_ms": 0, "kind": "test", "state": "", "message": SAID}
+        for i in range(1, EVENTS + 1)
+    )
     with engine.begin() as connection:
         connection.execute(insert(events), list(rows))
         connection.execute(update(event_counter).values(last=EVENTS))

@@ -14,6 +14,14 @@ from stage import Stage
 from eigenfail_services.store import open_store
 
 
+@pytest.fixture(scope="package", autouse=True)
+def interpreted() -> Iterator[None]:
+    """Has processes interpret the episode loop: compiled, campaigns end before faults happen."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EIGENFAIL_INTERPRETED", "1")
+        yield
+
+
 @pytest.fixture(scope="session")
 def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A database file with the schema and nothing else; copying it is quicker than migrating."""

@@ -77,8 +77,8 @@ DAMAGES: dict[str, Damage] = {
         "P2: campaign 3 is dead, but not since when or why.",
     ),
     "an alarm": Damage(
-        "INSERT INTO events (id, at_ms, kind, message, campaign) "
-        "VALUES (99, 0, 'episode.alarm', 'Episode 1/0 differs.', 1)",
+        "INSERT INTO events (id, at_ms, kind, state, message, campaign) "
+        "VALUES (99, 0, 'episode.alarm', '', 'Episode 1/0 differs.', 1)",
         "P4: alarm: Episode 1/0 differs.",
     ),
     "a measure is changed": Damage(
@@ -154,7 +154,7 @@ DAMAGES: dict[str, Damage] = {
     ),
     "events without an end": Damage(
         "WITH RECURSIVE n(i) AS (SELECT 1000 UNION ALL SELECT i + 1 FROM n WHERE i < 202000) "
-        "INSERT INTO events (id, at_ms, kind, message) SELECT i, 0, 'x', '' FROM n",
+        "INSERT INTO events (id, at_ms, kind, state, message) SELECT i, 0, 'x', '', '' FROM n",
         "P8: there are 201",
     ),
 }

@@ -19,9 +19,9 @@ from eigenfail_services.store import open_store
 SEED = 17
 DIFS_ROUNDS = {"initial_share": 0.2, "round_size": 6, "first_steps": 30, "steps": 10}
 CAMPAIGNS = {
-    "monte_carlo": {"method": "monte_carlo", "episodes": 500},
+    "monte_carlo": {"method": "monte_carlo", "episodes": 1_000},
     "ast": {"method": "ast", "episodes": 120, "settings": {"round_size": 6, "gradient_steps": 1}},
-    "difs": {"method": "difs", "episodes": 54, "settings": DIFS_ROUNDS},
+    "difs": {"method": "difs", "episodes": 72, "settings": DIFS_ROUNDS},
 }
 """Long enough that every one of them is met in the middle of its work."""
 

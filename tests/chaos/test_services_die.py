@@ -36,7 +36,7 @@ def test_killed_services_go_on_where_they_were(stage: Stage, undisturbed: dict[s
     services = stage.services()
     workers = [stage.worker(), stage.worker()]
     campaigns = stage.launch()
-    stage.wait_for(campaigns["monte_carlo"], 100)
+    stage.wait_for(campaigns["monte_carlo"], 200)
     services.kill()
     services = stage.services()
     for worker in workers:
