@@ -114,7 +114,7 @@ def demo(tmp_path_factory):
         here.type("export EIGENFAIL_DATA=demo-data")
         here.run("eigenfail run examples/monte_carlo.toml --episodes 20")
         here.run("eigenfail run examples/ast.toml --episodes 150")
-        here.run("eigenfail run examples/difs.toml --episodes 60")
+        here.run("eigenfail run examples/difs.toml --episodes 100")
         yield here
 
 

@@ -58,8 +58,6 @@ REPLACED = {
     "--replay 20": "--replay 3",
     "--seeds 5": "--seeds 2",
     "monte_carlo.toml --episodes 400": "monte_carlo.toml --episodes 40",
-    "ast.toml --episodes 150": "ast.toml --episodes 40",
-    "ast.toml --episodes 300": "ast.toml --episodes 200",
 }
 SHARE = 2
 """A campaign in a file that a page has its reader write runs one episode of so many."""
