@@ -79,15 +79,25 @@ def worker(hub, bridge) -> Iterator[Parent]:
     thread.join(timeout=deadlines.PROCESS_S)
 
 
+def hear_beside_hello(hub, kind) -> object:
+    """Return the next message of a kind; a worker that thinks the hub is gone is let in again.
+
+    A played hub says nothing by itself: where a bridge takes long to start, the worker asks anew.
+    """
+    while isinstance(heard := hub.hear(kind | Hello), Hello):
+        hub.say(Welcome(heartbeat_s=0.2))
+    return heard
+
+
 def hear_offer(hub) -> object:
     """Return the next offer that is known."""
-    while (offer := hub.hear(BridgeReport).offer) is None:
+    while (offer := hear_beside_hello(hub, BridgeReport).offer) is None:
         pass
     return offer
 
 
 def test_the_offer_reaches_each_hub_and_is_withdrawn_with_the_bridge(hub, bridge, worker) -> None:
-    assert hub.hear(BridgeReport).offer is None
+    assert hear_beside_hello(hub, BridgeReport).offer is None
     bridge.start()
     offer = hear_offer(hub)
     assert offer.name == "minimal"
@@ -95,9 +105,9 @@ def test_the_offer_reaches_each_hub_and_is_withdrawn_with_the_bridge(hub, bridge
     hub.say(Refusal("who are you?"))
     hub.hear(Hello)
     hub.say(Welcome(heartbeat_s=0.2))
-    assert hub.hear(BridgeReport).offer == offer
+    assert hear_beside_hello(hub, BridgeReport).offer == offer
     bridge.stop()
-    while hub.hear(BridgeReport).offer is not None:
+    while hear_beside_hello(hub, BridgeReport).offer is not None:
         pass
 
 
@@ -106,21 +116,21 @@ def test_a_report_that_was_lost_is_repeated(hub, bridge, worker, monkeypatch) ->
     monkeypatch.setattr(parent, "BEATS_PER_REPORT", 2)
     bridge.start()
     lost = hear_offer(hub)
-    assert hub.hear(BridgeReport).offer == lost
+    assert hear_beside_hello(hub, BridgeReport).offer == lost
     bridge.stop()
     for _ in range(2):  # The first one to withdraw the offer may be lost as well.
-        while hub.hear(BridgeReport).offer is not None:
+        while hear_beside_hello(hub, BridgeReport).offer is not None:
             pass
 
 
 def test_a_bridge_is_not_asked_while_a_campaign_is_on_it(hub, bridge, worker) -> None:
-    hub.hear(BridgeReport)
+    hear_beside_hello(hub, BridgeReport)
     hub.say(Setup(1, ON_BRIDGE.setup()))
     bridge.start()
     with closing(SharedConnection(bridge.address, make_timeouts(deadlines.PROCESS_S))) as there:
         there.get(deadlines.PROCESS_S)
     for _ in range(BEATS):
-        heard = hub.hear(Heartbeat | BridgeReport)
+        heard = hear_beside_hello(hub, Heartbeat | BridgeReport)
         assert isinstance(heard, Heartbeat) or heard.offer is None
     hub.say(Drop(1))
     assert hear_offer(hub).name == "minimal"
