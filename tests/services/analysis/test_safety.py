@@ -113,7 +113,7 @@ def test_before_the_first_episode_nothing_is_known() -> None:
 
 
 def test_who_ended_before_a_collision_is_said_first() -> None:
-    ended = Unresolved(5, 0, 10.0)
+    ended = Unresolved(5, 10.0)
     found = make_safety(campaign("monte_carlo"), totals(failures=0), Conflicts(), ended)
     assert found.unresolved == ended
     (words,) = found.notes
