@@ -29,17 +29,7 @@ from eigenfail.values.episode import (
     EpisodeTask,
     unrunnable,
 )
-from eigenfail.wire.messages import (
-    LONGEST_REASON,
-    Drop,
-    Heartbeat,
-    Lease,
-    Message,
-    PolicyUpdate,
-    Results,
-    Setup,
-    read_hub_message,
-)
+from eigenfail.wire import messages
 from eigenfail_workers.limits import RENEWAL, apply_kernel_limits, is_out_of_files
 from eigenfail_workers.worker.child_process import FrameBuffer, write_message
 from eigenfail_workers.worker.guard import fork_under_guard
@@ -102,18 +92,18 @@ class Child:
         self._campaign = 0
         self._process_state = ProcessState()
         self.is_altered = False
-        self._handlers: dict[type[Message], Callable[..., None]] = {
-            Setup: self._set_up,
-            PolicyUpdate: self._learn,
-            Lease: self._lease,
-            Drop: self._drop,
+        self._handlers: dict[type[messages.Message], Callable[..., None]] = {
+            messages.Setup: self._set_up,
+            messages.PolicyUpdate: self._learn,
+            messages.Lease: self._lease,
+            messages.Drop: self._drop,
         }
 
-    def handle(self, message: Message) -> None:
+    def handle(self, message: messages.Message) -> None:
         """Process one message of the parent."""
         self._handlers[type(message)](message)
 
-    def _set_up(self, message: Setup) -> None:
+    def _set_up(self, message: messages.Setup) -> None:
         before = ProcessState()
         try:
             self._engines[message.campaign] = as_lockstep(self._make_engine(message.setup))
@@ -127,11 +117,11 @@ class Child:
             log.warning("process state changed by imports", campaign=message.campaign, what=changes)
         self._process_state = ProcessState()
 
-    def _learn(self, message: PolicyUpdate) -> None:
+    def _learn(self, message: messages.PolicyUpdate) -> None:
         if engine := self._engines.get(message.campaign):
             engine.add_policy(message.policy)
 
-    def _lease(self, message: Lease) -> None:
+    def _lease(self, message: messages.Lease) -> None:
         # A lease may cross the message that declines its campaign: the hub leases it elsewhere.
         if message.campaign not in self._declined:
             self._waiting.extend((message.campaign, task) for task in message.tasks)
@@ -158,7 +148,9 @@ class Child:
         self._declined.add(campaign)
         self._running = 0
         self._waiting = deque(each for each in self._waiting if each[0] != campaign)
-        write_message(self._out, Heartbeat(declined=((campaign, reason[:LONGEST_REASON]),)))
+        write_message(
+            self._out, messages.Heartbeat(declined=((campaign, reason[: messages.LONGEST_REASON]),))
+        )
 
     def _begin(self) -> None:
         """Begin episodes in the order of the leases; those that run belong to one campaign."""
@@ -176,10 +168,10 @@ class Child:
                 self._report(campaign, unrunnable(task, self._refused[campaign]))
                 continue
             slots = max(1, self._running - 1 + engine.room)
-            write_message(self._out, Heartbeat(campaign, task.index, slots=slots))
+            write_message(self._out, messages.Heartbeat(campaign, task.index, slots=slots))
             engine.begin(task)
 
-    def _drop(self, message: Drop) -> None:
+    def _drop(self, message: messages.Drop) -> None:
         while self.is_busy and not self.is_altered:
             self.turn()
         self._refused.pop(message.campaign, None)
@@ -190,7 +182,7 @@ class Child:
     def _report(self, campaign: int, *results: EpisodeResult) -> None:
         self._running -= len(results)
         if results:
-            write_message(self._out, Results(campaign, results))
+            write_message(self._out, messages.Results(campaign, results))
         # Engines report changed process-wide state as a fault, so that only faults need a check.
         if any(result.fault for result in results):
             self.is_altered = bool(self._process_state.changes())
@@ -208,33 +200,33 @@ def main() -> None:
     # After the fork: the guard must not be the first that the kernel kills for want of memory.
     apply_kernel_limits(*map(int, sys.argv[1:2]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    messages, out = _redirect_standard_streams()
+    inbox, out = _redirect_standard_streams()
     # Before the first import of a plug-in: what it sets then stays, and its episodes may rely on
     # it.
     plugins.keep_import_effects()
     child = Child(out, plugins.load(plugins.ENGINES, "default"))
-    write_message(out, Heartbeat())
-    end_now(serve(child, messages.fileno()))
+    write_message(out, messages.Heartbeat())
+    end_now(serve(child, inbox.fileno()))
 
 
-def serve(child: Child, messages: int) -> int:
+def serve(child: Child, inbox: int) -> int:
     """Handle messages, and run episodes between them, until the end described in `main`.
 
     Args:
         child: handles the messages.
-        messages: file descriptor of the pipe from the parent.
+        inbox: file descriptor of the pipe from the parent.
 
     Returns:
         exit status: `RENEWAL` if a fresh process must run the remaining episodes.
     """
     buffer, poll = FrameBuffer(), select.poll()
-    poll.register(messages, select.POLLIN)
+    poll.register(inbox, select.POLLIN)
     while not (child.is_altered or is_out_of_files()):
         if not child.is_busy or poll.poll(0):
-            if not buffer.read(messages):
+            if not buffer.read(inbox):
                 return 0
             for frame in buffer.frames():
-                child.handle(read_hub_message(frame))
+                child.handle(messages.read_hub_message(frame))
         # Dropping a campaign runs its episodes first, which may have changed the process.
         if not child.is_altered:
             child.turn()
@@ -243,13 +235,13 @@ def serve(child: Child, messages: int) -> int:
 
 def _redirect_standard_streams() -> tuple[BinaryIO, BinaryIO]:
     """Return the pipes from and to the parent, and redirect the streams that plug-ins use."""
-    messages = os.fdopen(os.dup(0), "rb")
+    inbox = os.fdopen(os.dup(0), "rb")
     # Never closed before the process exits, as the parent takes the end of the pipe for the exit.
     out = os.fdopen(os.dup(1), "wb", closefd=False)
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)
-    return messages, out
+    return inbox, out
 
 
 if __name__ == "__main__":

@@ -21,18 +21,7 @@ from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
 from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
 from eigenfail.values.learning import Policy
-from eigenfail.wire.messages import (
-    MAX_MESSAGE_BYTES,
-    Drop,
-    Heartbeat,
-    Lease,
-    Message,
-    PolicyUpdate,
-    Results,
-    Setup,
-    encode,
-    read_worker_message,
-)
+from eigenfail.wire import messages
 from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker import resources
 
@@ -43,13 +32,13 @@ LENGTH = struct.Struct("<I")
 CHUNK_BYTES = 1 << 20
 
 
-def write_message(pipe: BinaryIO, message: Message) -> None:
+def write_message(pipe: BinaryIO, message: messages.Message) -> None:
     """Write one message and flush it.
 
     Raises:
         BrokenPipeError: the other end is closed.
     """
-    data = encode(message)
+    data = messages.encode(message)
     pipe.write(LENGTH.pack(len(data)) + data)
     pipe.flush()
 
@@ -77,7 +66,7 @@ class FrameBuffer:
         """
         while len(self._bytes) >= LENGTH.size:
             (length,) = LENGTH.unpack_from(self._bytes)
-            if length > MAX_MESSAGE_BYTES:
+            if length > messages.MAX_MESSAGE_BYTES:
                 raise ProtocolError(f"A frame of {length} bytes came from the child.")
             end = LENGTH.size + length
             if len(self._bytes) < end:
@@ -157,7 +146,7 @@ class ChildProcess:
         os.set_blocking(self._stdout.fileno(), False)
         self._monitor = resources.ResourceMonitor(self._process.pid, limits)
         # A thread writes: parent and child never wait for each other over two full pipes.
-        self._messages: SimpleQueue[Message | None] = SimpleQueue()
+        self._messages: SimpleQueue[messages.Message | None] = SimpleQueue()
         pipe_and_messages = (pipes[0], self._messages)
         self._writer = Thread(target=_write_messages, args=pipe_and_messages, daemon=True)
         try:
@@ -201,13 +190,13 @@ class ChildProcess:
         if campaign not in self._set_up:
             self._set_up.add(campaign)
             self.has_campaigns = True
-            self._messages.put(Setup(campaign, setup))
+            self._messages.put(messages.Setup(campaign, setup))
 
     def add_policy(self, campaign: int, policy: Policy) -> None:
         """Send a policy version of a campaign, unless the child has it."""
         if (campaign, policy.version) not in self._learnt:
             self._learnt.add((campaign, policy.version))
-            self._messages.put(PolicyUpdate(campaign, policy))
+            self._messages.put(messages.PolicyUpdate(campaign, policy))
 
     def drop(self, campaign: int) -> None:
         """Let the child forget a campaign, after it has run the episodes that it holds."""
@@ -216,14 +205,14 @@ class ChildProcess:
         self._slots.pop(campaign, None)
         self._learnt = {key for key in self._learnt if key[0] != campaign}
         self.running = deque(held.without(campaign) for held in self.running)
-        self._messages.put(Drop(campaign))
+        self._messages.put(messages.Drop(campaign))
 
     def run(self, held: HeldEpisode) -> None:
         """Send an episode. Whether the child is alive is found out by `listen`."""
         if not self.running:
             self._progress_s = self._checked_s = time.monotonic()
         self.running.append(held)
-        self._messages.put(Lease(held.campaign, (held.task,)))
+        self._messages.put(messages.Lease(held.campaign, (held.task,)))
 
     def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
         """Return whether the child is sound, and the new results with their campaigns."""
@@ -237,16 +226,16 @@ class ChildProcess:
 
     def _results(self) -> Iterator[tuple[int, EpisodeResult]]:
         for frame in self._buffer.frames():
-            message = read_worker_message(frame)
+            message = messages.read_worker_message(frame)
             self._progress_s = time.monotonic()
             self.ready = True
-            if isinstance(message, Heartbeat) and message.campaign is not None:
+            if isinstance(message, messages.Heartbeat) and message.campaign is not None:
                 self.begun += 1
                 self._output.start_episode()
                 self._slots[message.campaign] = message.slots
-            if isinstance(message, Heartbeat) and message.declined:
+            if isinstance(message, messages.Heartbeat) and message.declined:
                 self._decline(dict(message.declined))
-            if isinstance(message, Results):
+            if isinstance(message, messages.Results):
                 for result in message.results:
                     self._remove(message.campaign, result.index)
                     yield message.campaign, result
@@ -365,10 +354,10 @@ class NullChild(ChildProcess):
         return os.EX_OSERR
 
 
-def _write_messages(pipe: BinaryIO, messages: "SimpleQueue[Message | None]") -> None:
+def _write_messages(pipe: BinaryIO, queue: "SimpleQueue[messages.Message | None]") -> None:
     """Write messages until None comes, or until the child has closed the pipe."""
     with contextlib.suppress(BrokenPipeError):
-        while message := messages.get():
+        while message := queue.get():
             write_message(pipe, message)
     with contextlib.suppress(BrokenPipeError):
         pipe.close()
