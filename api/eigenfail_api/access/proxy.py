@@ -131,7 +131,7 @@ def is_within(address: str, networks: Networks) -> bool:
 
 
 def parse_address(address: str) -> IPv4Address | IPv6Address | None:
-    """Return an address, one of IPv4 in IPv6 as that of IPv4; None if the text is no address."""
+    """Return the address that a text names, or None. IPv4 written as IPv6 comes back as IPv4."""
     try:
         # A link-local address of IPv6 may end with % and the name of an interface.
         parsed = ip_address(address.partition("%")[0])

@@ -194,7 +194,7 @@ def draw_moment(found: Moment) -> dict[str, object]:
 
 
 def tabulate_steps(titles: Iterable[str], values: Floats) -> Table:
-    """Return a table with one row for each step, whose columns are those of the values."""
+    """Return a table of the values: a row for each step, a column for each title."""
     rows: Iterable[Row] = ((str(step), *map(float, row)) for step, row in enumerate(values))
     return list_rows(("Step", *titles), rows)
 

@@ -253,7 +253,7 @@ def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
     cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
     tallies, count = {"Eigenfailures, same scenario": found.reproduced}, len(found.scenarios)
-    # Of one scenario, all eigenfailures are those of the same scenario.
+    # With one scenario both counts would be the same.
     if count > 1:
         tallies[f"Eigenfailures, {count} scenarios"] = found.eigenfailures
     tallies[f"Medoids, {count} scenarios" if count > 1 else "Medoids"] = found.medoids

@@ -190,7 +190,7 @@ def make_tiles(
     """
     failures = rendering.make_failure_tile(summary)
     if not traits_of(campaign.spec.method).draws_from_prior:
-        # A search chose the episodes, so that their number of failures is not that of a sample.
+        # A search chose these episodes. The note says that their failures are not a random sample.
         failures = msgspec.structs.replace(failures, notes=(*failures.notes, SEARCHED))
     tiles = [("Cost per failure", rendering.make_cost_tile(summary)), ("Failures", failures)]
     if summary.estimate:

@@ -85,7 +85,7 @@ def list_likelihood(result: EpisodeResult, channels: Sequence[str]) -> Facts:
 
 def list_danger(measures: Measures, assessed: Assessment) -> Facts:
     """Return the measures of how near the episode came to a collision."""
-    # The robustness of several requirements is relative to their scales: it has no unit.
+    # With several requirements, robustness is a multiple of their scales and has no unit.
     unit = "m" if measures.nearest_m is None else ""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
@@ -151,7 +151,7 @@ def make_episode_view(
     channels, has_road = world.channels(campaign.spec), world.has_road
     assessed = assess(result.outcome, measures)
     drawn = drawn_for(campaign.spec, result.seed) | placed_for(campaign.spec, result.noise)
-    # An episode without steps has no noise to inject again, and nothing to explain.
+    # Without steps there is no noise to replay and nothing to explain.
     has_steps = result.steps > 0
     return {
         "campaign": campaign,

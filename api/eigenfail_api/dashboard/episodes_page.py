@@ -361,7 +361,7 @@ def list_exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str],
     """Return links to the same episodes as files."""
     query = urlencode({"filter": asked.filter, "sort": str(asked.sort)})
     path = f"{PREFIX}/campaigns/{campaign}/episodes"
-    # A link that a browser downloads cannot show why there is no file.
+    # If a download is refused, the browser does not show the reason. So the link is left out.
     words = ("CSV", "NDJSON", "Parquet") if has_pyarrow() else ("CSV", "NDJSON")
     return tuple((word, f"{path}.{word.lower()}?{query}") for word in words)
 

@@ -41,7 +41,7 @@ class FailureQuery(NamedTuple):
 
 
 class FailureForm(NamedTuple):
-    """Fields of the form about campaigns, as in the address; an empty one is no condition."""
+    """Fields of the form, as in the address. An empty field filters nothing."""
 
     project: Words = ""
     planner: Words = ""

@@ -85,7 +85,7 @@ def list_links(member: MemberReport) -> Iterator[PageLink]:
 
 
 def link_pair(text: str, address: str, place: str) -> PageLink:
-    """Return an episode or a failure mode as a link; what names none has no address."""
+    """Return a link to an episode or failure mode. Without its ids the link has no address."""
     # The report holds what the gate was given, which need not be an address of this service.
     match = _PAIR.fullmatch(place)
     return (

@@ -28,8 +28,8 @@ def read_number(text: str) -> int | float | str:
 def parse_text(kind: str, text: str) -> Any:
     """Return the value that a text is for a kind of field.
 
-    A text that is no such value stays a text: the check of the spec says what is wrong with it, and
-    names the field.
+    A text that cannot be read stays a text. The check of the spec then names the field and says
+    what is wrong.
     """
     if kind in ("list", "words"):
         parts = [part.strip() for part in text.split(",") if part.strip()]
@@ -326,7 +326,7 @@ class Texts(msgspec.Struct, frozen=True):
         if not isinstance(table, Mapping) or label not in table:
             return LaunchEntry()
         match table[label]:
-            # What is off unless it is given needs no word; what is on by default does.
+            # An option that is off by default needs no entry; one that is on by default does.
             case None if field.kind != "optional":
                 return LaunchEntry()
             case {"uniform": [low, high]}:
