@@ -66,7 +66,7 @@ def test_the_answer_has_verdict_tables_and_limits(ask, counted):
         ("[1]", "[1, 1]", "is named twice"),
         ("[1]", "[" * 3_000 + "1" + "]" * 3_000, "is not TOML"),
         ("340", "3" * 5_000, "is not TOML"),
-        ("340", "-1", "-1 is not an integer of at least 0"),
+        ("340", "-1", "-1 is not an integer from 0 to 1e+12."),
     ],
 )
 def test_what_cannot_be_answered_is_told_beside_the_question(ask, counted, old, new, said):
