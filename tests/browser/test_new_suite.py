@@ -49,6 +49,23 @@ def test_a_file_is_uploaded_previewed_and_launched_once(visit, store, tmp_path):
     ]
 
 
+def test_a_file_that_is_chosen_before_the_scripts_run_is_previewed(visit, tmp_path):
+    file = tmp_path / "suite.toml"
+    file.write_text(SUITE.replace("uploaded", "early"))
+    page = visit("/suites")
+    held = []
+
+    def hold(route):
+        held.append(route)
+
+    page.route("**/js/launch.js*", hold)
+    page.get_by_role("link", name="New suite").click()
+    page.locator("#import-file").set_input_files(file)
+    page.wait_for_function("document.readyState !== 'loading'")
+    held.pop().continue_()
+    expect(page.get_by_role("heading", name="early: 6 campaigns, 120 episodes")).to_be_visible()
+
+
 @pytest.mark.parametrize("scripts", [True, False])
 def test_a_pasted_text_is_refused_by_line_and_previewed(visit, store, scripts):
     page = visit("/launch/suite", java_script_enabled=scripts)

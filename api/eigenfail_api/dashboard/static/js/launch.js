@@ -22,6 +22,10 @@ export function armLaunch() {
   document.addEventListener("input", ({ target }) => {
     if (target.form?.id === "launch") typedMeanwhile.set(target.name, target.value);
   });
+  // A file may be chosen before this script runs, and a browser keeps the file of a page that is reloaded. Its
+  // change is not told then. Text that is there already may have been edited since, so it stays.
+  const chosen = form.querySelector("[data-import]");
+  if (chosen && !document.getElementById("import-text").value) importFile(chosen);
   document.addEventListener("htmx:response:error", ({ detail }) => refused(detail.ctx));
   document.addEventListener("htmx:error", ({ detail }) => {
     if (detail.ctx?.sourceElement?.id === "launch") tell(UNANSWERED);
