@@ -1,4 +1,4 @@
-"""Bent answers of a bridge, in version 2 of the protocol, at the engine of a worker.
+"""Bent answers of a bridge at the engine of a worker.
 
 `python -m benchmarks.faults.fuzzing_bridge --messages 1000000` prints what escaped.
 """
@@ -21,7 +21,7 @@ from eigenfail.values.requirements import Formula
 from eigenfail_workers.accounts import RecordedStep
 from eigenfail_workers.bridge.connection import Connection, SharedConnection, make_timeouts
 from eigenfail_workers.bridge.engine import BridgeEngine
-from eigenfail_workers.bridge.messages import BridgeMessage, read_hello_answer
+from eigenfail_workers.bridge.messages import BridgeMessage, read_answer
 from eigenfail_workers.bridge.messages import encode as encode_request
 
 SEED = 20261127
@@ -101,7 +101,7 @@ class FakeConnection(Connection):
 
     def __init__(self, random: Random) -> None:
         self.address, self.session, self.timeouts = "played", "0" * 32, make_timeouts(60.0)
-        self.welcome = read_hello_answer(encode(dict(WELCOME)))
+        self.welcome = read_answer(encode(dict(WELCOME)))
         self.bent_answers = 0
         self.bent = BENT
         self._random = random
@@ -187,7 +187,7 @@ def bend_welcomes(n: int, seed: int = SEED) -> Iterator[str]:
     random, true = Random(seed), encode(dict(WELCOME))
     for _ in range(n):
         try:
-            read_hello_answer(random.choice(BENDS)(random, true))
+            read_answer(random.choice(BENDS)(random, true))
         except Exception as error:  # noqa: BLE001 - it is what is looked for
             if not isinstance(error, EpisodeError):
                 yield f"{type(error).__name__}: {error}"

@@ -13,7 +13,7 @@ import names
 import numpy as np
 from dqn_settings import CONFIG, ENVIRONMENT, HORIZON
 from highway_env.envs.common.observation import observation_factory
-from minimal import Bridge, serve
+from minimal import PROTOCOL, Bridge, serve
 from numpy.typing import NDArray
 from perceived_road import CHANNELS, PerceivedRoad, make
 
@@ -28,7 +28,7 @@ TESTED = CONFIG | {"observation": {"type": "AttributesObservation", "attributes"
 
 WELCOME = {
     "type": "welcome",
-    "protocol": 2,
+    "protocol": PROTOCOL,
     "name": "DQN of stable-baselines3",
     "version": "1",
     "slots": 8,

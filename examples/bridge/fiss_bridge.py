@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import fiss_planner as fiss
 import names
-from minimal import Bridge, serve
+from minimal import PROTOCOL, Bridge, serve
 
 from eigenfail.errors import SimulatorError
 from eigenfail.values.scene import Control, Observation, VehicleState
@@ -33,7 +33,7 @@ PARAMETERS = {
 }
 WELCOME = {
     "type": "welcome",
-    "protocol": 2,
+    "protocol": PROTOCOL,
     "name": "fiss-planner",
     "version": "1",
     "slots": 16,

@@ -14,7 +14,7 @@ import gymnasium
 import highway_env
 import names
 import numpy as np
-from minimal import Bridge, serve
+from minimal import PROTOCOL, Bridge, serve
 from numpy.typing import NDArray
 
 from eigenfail.values.scene import Observation, VehicleState
@@ -38,12 +38,13 @@ CONFIG = {
 SCENARIO = {"name": "merge-v1", "dt_s": 1.0, "steps": 11, "parameters": {"traffic": 4}}
 WELCOME = {
     "type": "welcome",
-    "protocol": 1,
+    "protocol": PROTOCOL,
     "name": "highway-env",
     "version": "1",
     "slots": 8,
     "scenarios": [SCENARIO],
     "planners": [{"name": "headway", "settings": {"headway_s": 0.4}}],
+    "channels": ["longitudinal", "lateral"],
 }
 
 
@@ -69,7 +70,7 @@ class Merge:
     dt_s = SCENARIO["dt_s"]
 
     def __init__(self, asked: dict[str, Any]) -> None:
-        given = names.check(WELCOME, asked)
+        given, self._channels = names.check(WELCOME, asked), names.check_channels(WELCOME, asked)
         gymnasium.register_envs(highway_env)
         self.steps = asked["steps"]
         self._traffic, self._headway_s = given["traffic"], given["headway_s"]
@@ -81,13 +82,15 @@ class Merge:
         self._last = Observation(0, *self._truth())
         return self._last
 
-    def step(self, disturbance: tuple[float, float]) -> Observation:
+    def step(self, disturbance: tuple[float, ...]) -> Observation:
         """Disturb the row of the nearest vehicle, and go on by one action."""
         if self._last.ended:
             raise RuntimeError("There is no episode to go on with.")
+        errors = dict(zip(self._channels, disturbance, strict=True))
         disturbed = self._seen.copy()
         away_m = [hypot(row[X], row[Y]) if row[PRESENCE] else np.inf for row in disturbed[1:]]
-        disturbed[1 + int(np.argmin(away_m)), X : Y + 1] += disturbance
+        nearest = disturbed[1 + int(np.argmin(away_m))]
+        nearest[X : Y + 1] += [errors.get("longitudinal", 0.0), errors.get("lateral", 0.0)]
         action = drive(disturbed, self._headway_s)
         self._seen, _, _, _, told = self._environment.step(action)
         step, collided = self._last.step + 1, bool(told["crashed"])

@@ -8,7 +8,7 @@ from typing import Any
 
 import names
 from highway_env.vehicle import behavior
-from minimal import Bridge, serve
+from minimal import PROTOCOL, Bridge, serve
 from perceived_road import CHANNELS, PerceivedRoad, make
 
 IDLE = 1
@@ -24,7 +24,7 @@ CONFIG = {
 }
 WELCOME = {
     "type": "welcome",
-    "protocol": 2,
+    "protocol": PROTOCOL,
     "name": "drivers of highway-env",
     "version": "1",
     "slots": 8,

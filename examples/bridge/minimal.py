@@ -4,7 +4,7 @@ python minimal.py tcp://127.0.0.1:9000
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import isnan
 from time import monotonic
@@ -19,12 +19,11 @@ from eigenfail.contracts import Simulation
 from eigenfail.errors import InputError, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values.channels import ALL_CHANNELS, EVERY, VEHICLE, Channel, split_name
-from eigenfail.values.disturbance import POSITION
 from eigenfail.values.scene import Observation
 
 Open = Callable[[dict[str, Any]], Simulation]
 Act = Callable[[dict[int, Any], dict[str, Any]], dict[str, Any]]
-OF_VERSION_2 = ("channels", "signals", "seed_text")
+PROTOCOL = 2
 MOST_SESSIONS = 64
 SILENT_S = 60.0
 
@@ -43,10 +42,7 @@ class Session:
 
 
 class Bridge:
-    """Answers requests. `open_simulation` makes what one slot needs, from the map of a reset.
-
-    It speaks the protocol of its welcome, and each version before that.
-    """
+    """Answers requests. `open_simulation` makes what one slot needs, from the map of a reset."""
 
     def __init__(self, welcome: dict[str, Any], open_simulation: Open) -> None:
         self.welcome, self.open = welcome, open_simulation
@@ -55,8 +51,7 @@ class Bridge:
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """One message for one message."""
         if request["type"] == "hello":
-            versions = request.get("protocols") or [request["protocol"]]
-            return self.let_in(versions, request["session"])
+            return self.let_in(request["protocol"], request["session"])
         if request["session"] not in self.sessions:
             told = {"fault": "simulator", "message": "I do not know this session.", "lost": True}
             return {"type": "error", "id": request["id"], **told}
@@ -68,12 +63,10 @@ class Bridge:
         slots = [self.acted(act, session, each) for each in request["slots"]]
         return {"type": "observations", "id": request["id"], "slots": slots}
 
-    def let_in(self, versions: Sequence[int], name: str) -> dict[str, Any]:
+    def let_in(self, protocol: int, name: str) -> dict[str, Any]:
         """Begin a session; if there is no room, one ends that is idle, idle for longest."""
-        newest = self.welcome["protocol"]
-        protocol = max((each for each in versions if 1 <= each <= newest), default=None)
-        if protocol is None:
-            return {"type": "refusal", "reason": f"I speak protocol {newest}."}
+        if protocol != PROTOCOL:
+            return {"type": "refusal", "reason": f"I speak protocol {PROTOCOL}."}
         self.sessions.pop(name, None)
         if len(self.sessions) >= MOST_SESSIONS:
             left = [each for each, session in self.sessions.items() if session.may_go()]
@@ -81,9 +74,7 @@ class Bridge:
                 return {"type": "refusal", "reason": "All sessions are in use.", "full": True}
             del self.sessions[min(left, key=lambda each: len(self.sessions[each].running) > 0)]
         self.sessions[name] = Session()
-        left_out = OF_VERSION_2 if protocol == 1 else ()
-        told = {key: value for key, value in self.welcome.items() if key not in left_out}
-        return told | {"protocol": protocol}
+        return self.welcome
 
     def acted(self, act: Act, session: Session, asked: dict[str, Any]) -> dict[str, Any]:
         """What came of it in one slot, and whether an episode runs there now."""
@@ -109,19 +100,12 @@ class Bridge:
         """Move one slot by one step."""
         try:
             begun, simulation = held[asked["slot"]]
-            seen = shown(simulation.step(disturbances(begun, asked)))
+            disturbance = tuple(asked["disturbances"][each["name"]] for each in begun["channels"])
+            seen = shown(simulation.step(disturbance))
             return seen | (explained(simulation) if begun.get("explain") else {})
         except Exception as error:  # noqa: BLE001 - the same
             held.pop(asked["slot"], None)
             return fault(error)
-
-
-def disturbances(begun: dict[str, Any], asked: dict[str, Any]) -> tuple[float, ...]:
-    """Those of a step, in the order of the channels of the reset; in version 1 of the position."""
-    if "channels" not in begun:
-        longitudinal, lateral = asked["disturbance"]
-        return longitudinal, lateral
-    return tuple(asked["disturbances"][channel["name"]] for channel in begun["channels"])
 
 
 def explained(simulation: Any) -> dict[str, Any]:
@@ -203,9 +187,7 @@ def built_in(asked: dict[str, Any]) -> Driven:
 
 
 def read_channels(asked: dict[str, Any]) -> tuple[Channel, ...]:
-    """Those that a reset names; in version 1, which names none, those of the position."""
-    if "channels" not in asked:
-        return POSITION
+    """Those that a reset names."""
     for channel in asked["channels"]:
         target, quantity = split_name(channel["name"])
         offered = f"{EVERY}.{quantity}" if target.startswith(VEHICLE) else channel["name"]
@@ -234,7 +216,7 @@ def welcome(slots: int = 32) -> dict[str, Any]:
     """What this bridge is."""
     return {
         "type": "welcome",
-        "protocol": 2,
+        "protocol": PROTOCOL,
         "name": "minimal",
         "version": "1",
         "slots": slots,

@@ -34,13 +34,11 @@ def of_name(kind: str, name: str, all_of_them: Iterable[Mapping[str, Any]]) -> M
 
 
 def check_channels(welcome: Mapping[str, Any], asked: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of the channels of a reset; in version 1, which names none, those of the position.
+    """Names of the channels of a reset.
 
     Raises:
         UnknownName: a channel that the bridge does not offer.
     """
-    if "channels" not in asked:
-        return "longitudinal", "lateral"
     named = tuple(each["name"] for each in asked["channels"])
     for name in named:
         if name not in welcome["channels"]:

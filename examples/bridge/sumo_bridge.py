@@ -13,7 +13,7 @@ from typing import Any
 
 import names
 import sumo_world
-from minimal import Bridge, serve
+from minimal import PROTOCOL, Bridge, serve
 from msgspec.json import decode, encode
 
 from eigenfail.errors import SimulatorError
@@ -21,7 +21,7 @@ from eigenfail.values.scene import Observation
 
 WELCOME = {
     "type": "welcome",
-    "protocol": 1,
+    "protocol": PROTOCOL,
     "name": "SUMO",
     "version": "1",
     "slots": 2,
@@ -34,6 +34,7 @@ WELCOME = {
         }
     ],
     "planners": [{"name": model, "settings": sumo_world.SETTINGS} for model in sumo_world.MODELS],
+    "channels": ["longitudinal", "lateral"],
 }
 
 IDLE: list[subprocess.Popen[bytes]] = []
@@ -54,7 +55,7 @@ class WorldApart:
 
     def __init__(self, asked: dict[str, Any]) -> None:
         self.steps = asked["steps"]
-        given = names.check(WELCOME, asked)
+        given, self._channels = names.check(WELCOME, asked), names.check_channels(WELCOME, asked)
         self._process = IDLE.pop() if IDLE else started()
         self._leave = weakref.finalize(self, IDLE.append, self._process)
         self._say({"model": asked["planner"], "given": given, "steps": self.steps})
@@ -63,11 +64,12 @@ class WorldApart:
         """Begin an episode."""
         return self._ask(seed)
 
-    def step(self, disturbance: tuple[float, float]) -> Observation:
+    def step(self, disturbance: tuple[float, ...]) -> Observation:
         """Disturb and step."""
         if self._over:
             raise SimulatorError("There is no episode to go on with.", "Reset it first.")
-        return self._ask(disturbance)
+        errors = dict(zip(self._channels, disturbance, strict=True))
+        return self._ask((errors.get("longitudinal", 0.0), errors.get("lateral", 0.0)))
 
     def _ask(self, question: int | tuple[float, float]) -> Observation:
         self._say(question)

@@ -21,7 +21,7 @@ from eigenfail.errors import SimulatorError
 from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello
 from eigenfail_services.hub.worker_sessions import WorkerSessions
 from eigenfail_workers.bridge import engine
-from eigenfail_workers.bridge.messages import DetailedObservation, Observations, read_answer
+from eigenfail_workers.bridge.messages import Observations, SlotObservation, read_answer
 from eigenfail_workers.worker.parent import Parent
 
 BOUND_BYTES = 48 * 2**20
@@ -64,9 +64,9 @@ def test_some_thousands_come_over_a_true_socket(place: str) -> None:
 @pytest.mark.fault(
     "malformed, nested or false answers of a bridge",
     group="messages",
-    outcome="In version 2 of the protocol an observation that cannot be read is a fault of its "
-    "episode alone; any other answer that cannot be read ends the episodes of that worker as "
-    "errored. No exception leaves the engine, which serves the next episode.",
+    outcome="An observation that cannot be read is a fault of its episode alone; any other answer "
+    "that cannot be read ends the episodes of that worker as errored. No exception leaves the "
+    "engine, which serves the next episode.",
 )
 def test_some_thousands_of_bent_answers_of_a_bridge_let_nothing_escape() -> None:
     assert at_the_engine(FEW) == ((), True)
@@ -78,12 +78,12 @@ def test_bent_answers_are_read_or_refused() -> None:
     random, read = Random(SEED), 0
     for _ in range(MANY):
         try:
-            answer = read_answer(random.choice(BENDS)(random, random.choice(true)), 2)
+            answer = read_answer(random.choice(BENDS)(random, random.choice(true)))
         except SimulatorError:
             continue
         read += 1
         if isinstance(answer, Observations):
-            assert all(isinstance(each, DetailedObservation) for each in answer.slots)
+            assert all(isinstance(each, SlotObservation) for each in answer.slots)
     assert MANY / 10 < read < MANY
 
 

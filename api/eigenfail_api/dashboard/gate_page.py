@@ -13,7 +13,6 @@ from eigenfail.gate.results import GateResult, format_command
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.methods import traits_of
 from eigenfail.presentation.figures import format_count
-from eigenfail_api.dashboard.release_page import MARKS
 from eigenfail_api.dashboard.rendering import Badge, make_pager, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_api.routes.versions import GateId
@@ -65,7 +64,6 @@ def make_gate_view(result: GateResult) -> dict[str, object]:
         "conclusions": [each for each in conclusions if each not in notes],
         "created_ms": result.created_ms,
         "members": [(each, tuple(list_links(each))) for each in result.report.members],
-        "matched": result.report.matched,
         "command": format_command(result.report),
     }
 
@@ -115,7 +113,6 @@ def show_gate(store: Stored, gate: GateId) -> HTMLResponse:
         "gate.html",
         make_gate_view(store.gates.get(gate)),
         tones=TONES,
-        marks=MARKS,
         join_counts=join_counts,
         link_episode=partial(link_pair, "{}/{}", "/campaigns/{}/episodes/{}"),
         link_mode=partial(link_pair, "mode {1} of analysis {0}", "/analyses/{}/modes/{}"),

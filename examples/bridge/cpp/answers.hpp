@@ -1,4 +1,4 @@
-// Requests in, answers out: the protocol of docs/bridge.md, both versions, without a socket.
+// Requests in, answers out: the protocol of docs/bridge.md, without a socket.
 #pragma once
 
 #include <functional>
@@ -37,6 +37,8 @@ public:
     }
 
 private:
+    static constexpr std::uint64_t protocol = 2;
+
     static Map trouble(std::uint64_t id, const std::exception& error) {
         return {{"type", text("error")}, {"id", whole(id)}, {"fault", text("simulator")},
                 {"message", text(error.what())}};
@@ -49,18 +51,14 @@ private:
     }
 
     Value hello(const Value& request) {
-        if (request["protocol"].whole() != 1)
-            return refusal("This is protocol 1.", false);
-        int protocol = 1;
-        if (!request["protocols"].empty())
-            for (const Value& version : request["protocols"].list())
-                if (version.whole() == 2) protocol = 2;
-        if (!sessions_.begin(request["session"].text(), description_.slots, protocol))
+        if (request["protocol"].whole() != protocol)
+            return refusal("This is protocol 2.", false);
+        if (!sessions_.begin(request["session"].text(), description_.slots))
             return refusal("All sessions are in use.", true);
-        return welcome(protocol);
+        return welcome();
     }
 
-    Value welcome(int protocol) const {
+    Value welcome() const {
         List scenarios, planners, channels, signals;
         for (const auto& [name, dt_s, steps, parameters] : description_.scenarios)
             scenarios.push_back({Map{{"name", text(name)}, {"dt_s", {dt_s}},
@@ -71,7 +69,6 @@ private:
                  {"name", text(description_.name)}, {"version", text(description_.version)},
                  {"slots", whole(description_.slots)}, {"scenarios", {std::move(scenarios)}},
                  {"planners", {std::move(planners)}}};
-        if (protocol == 1) return {std::move(told)};
         for (const std::string& name : description_.channels) channels.push_back(text(name));
         for (const auto& [name, unit, words] : description_.signals)
             signals.push_back(
@@ -98,14 +95,14 @@ private:
                     {"slots", {std::move(seen)}}}};
     }
 
-    using Act = void (Bridge::*)(Slot&, const Value&, int protocol);
+    using Act = void (Bridge::*)(Slot&, const Value&);
 
     // What came of it in one slot; a fault ends the episode there.
     Value observed(Session& session, Act act, const Value& each) {
         Slot& slot = session.slots.at(each["slot"].whole());
         try {
-            (this->*act)(slot, each, session.protocol);
-            return shown(slot, session.protocol);
+            (this->*act)(slot, each);
+            return shown(slot);
         } catch (const Fault& fault) {
             return failed(slot, fault.whose, fault.what());
         } catch (const std::exception& error) {
@@ -118,13 +115,13 @@ private:
         return {Map{{"fault", text(whose)}, {"message", text(message)}}};
     }
 
-    void reset(Slot& slot, const Value& each, int protocol) {
+    void reset(Slot& slot, const Value& each) {
         slot.episode.reset();
         const auto& scenario = named(description_.scenarios, each["scenario"].text(), "scenario");
         const auto& planner = named(description_.planners, each["planner"].text(), "planner");
         auto horizon = each["steps"].whole();
         if (horizon < 1 || horizon > scenario.steps) throw Fault("input", "No such horizon.");
-        List channels = protocol == 1 ? List{} : each["channels"].list();
+        List channels = each["channels"].list();
         for (const Value& channel : channels)
             if (!description_.disturbs(channel["name"].text()))
                 throw Fault("input", "There is no channel of that name.");
@@ -135,19 +132,14 @@ private:
         slot = {open_(start), 0, horizon, explain};
     }
 
-    void step(Slot& slot, const Value& each, int protocol) {
+    void step(Slot& slot, const Value& each) {
         if (!slot.runs())
             throw std::logic_error("There is no episode to go on with.");
-        if (protocol == 1) {
-            const List& pair = each["disturbance"].list();
-            slot.episode->step({{{"longitudinal", pair.at(0)}, {"lateral", pair.at(1)}}});
-        } else {
-            slot.episode->step({each["disturbances"].map()});
-        }
+        slot.episode->step({each["disturbances"].map()});
         ++slot.step;
     }
 
-    static Value shown(const Slot& slot, int protocol) {
+    static Value shown(const Slot& slot) {
         Truth truth = slot.episode->truth();
         List others;
         for (const Vehicle& other : truth.others) others.push_back(shown(other));
@@ -158,7 +150,6 @@ private:
         if (truth.control) seen.emplace_back("control", shown(*truth.control));
         if (truth.applied) seen.emplace_back("applied", shown(*truth.applied));
         seen.emplace_back("off_road", Value{truth.off_road});
-        if (protocol == 1) return {std::move(seen)};
         if (!truth.ids.empty()) seen.emplace_back("ids", Value{std::move(truth.ids)});
         if (!truth.signals.empty()) seen.emplace_back("signals", Value{std::move(truth.signals)});
         if (!slot.explain || slot.step == 0) return {std::move(seen)};

@@ -19,8 +19,8 @@ struct Pair {
 };
 
 // What is true now; what the planner saw and did is told after a step. What follows `off_road` is
-// told in version 2 alone: ids of vehicles that come and go, values of the signals by name, and, if
-// the campaign asks for it, what the planner believes and where it means to drive.
+// optional: ids of vehicles that come and go, values of the signals by name, and, if the campaign
+// asks for it, what the planner believes and where it means to drive.
 struct Truth {
     Vehicle ego;
     std::vector<Vehicle> others;
@@ -85,7 +85,7 @@ struct Signal {
     std::string name, unit, words;
 };
 
-// Channels and signals are for version 2; without channels they are those of the position.
+// Without channels, those of the position.
 struct Description {
     std::string name, version;
     std::uint64_t slots;

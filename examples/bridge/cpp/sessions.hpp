@@ -23,7 +23,6 @@ struct Session {
     std::string name;
     std::vector<Slot> slots;
     Clock::time_point asked;
-    int protocol;
 
     bool idle() const {
         return std::none_of(slots.begin(), slots.end(), [](const Slot& slot) { return slot.runs(); });
@@ -43,10 +42,10 @@ public:
     explicit Sessions(Clock::duration patience) : patience_(patience) {}
 
     // Begin a session; no if all others are in use.
-    bool begin(const std::string& name, std::size_t slots, int protocol) {
+    bool begin(const std::string& name, std::size_t slots) {
         forget(name);
         if (all_.size() >= most && !make_room()) return false;
-        all_.push_back({name, std::vector<Slot>(slots), Clock::now(), protocol});
+        all_.push_back({name, std::vector<Slot>(slots), Clock::now()});
         return true;
     }
 

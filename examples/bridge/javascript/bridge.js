@@ -1,4 +1,4 @@
-// A bridge in version 2 of the protocol: a truck that keeps its distance behind a car that brakes.
+// A bridge: a truck that keeps its distance behind a car that brakes.
 // docs/bridge.md has the protocol.   node bridge.js tcp://127.0.0.1:9000
 import { decode, encode } from "@msgpack/msgpack";
 import { Reply } from "zeromq";
@@ -78,10 +78,10 @@ function act(episodes, type, asked) {
   }
 }
 
-function answer({ type, id = 0, session, protocols = [1], slots }) {
+function answer({ type, id = 0, session, protocol, slots }) {
   const episodes = sessions.get(session) ?? new Map();
   const known = sessions.delete(session);
-  if (type === "hello" && !protocols.includes(2)) return { type: "refusal", reason: "I speak protocol 2." };
+  if (type === "hello" && protocol !== 2) return { type: "refusal", reason: "I speak protocol 2." };
   if (type !== "hello" && !known) return { type: "error", id, fault: "simulator", message: "I do not know this session.", lost: true };
   if (type === "close") return { type: "closed", id };
   if (sessions.size >= 64) sessions.delete(sessions.keys().next().value);

@@ -116,9 +116,17 @@ SHOWN = 5
 
 def draw_report(report: GateReport) -> Group:
     """Return the tables of a report, and its conclusions in sentences."""
-    drawn = [draw(report) for draw in (_draw_known, _draw_reruns, _draw_modes, _draw_findings)]
+    drawn = [draw(report) for draw in (_draw_known, _draw_reruns, _draw_findings)]
     spaced = [part for table in drawn if table.row_count for part in (table, Text())]
-    return Group(*spaced, *map(Text, list_conclusions(report)))
+    return Group(*spaced, *map(Text, (*list_conclusions(report), *_point_to_releases(report))))
+
+
+def _point_to_releases(report: GateReport) -> Iterator[str]:
+    """Yield the commands that show what became of each failure mode over all versions."""
+    campaigns = [member.rerun.now.campaign for member in report.members if member.rerun]
+    commands = ", ".join(f"eigenfail release show {campaign}" for campaign in campaigns)
+    if commands:
+        yield f"Failure modes over all versions, once they are analysed: {commands}."
 
 
 def _draw_known(report: GateReport) -> Table:
@@ -148,18 +156,6 @@ def _draw_reruns(report: GateReport) -> Table:
         counts = (str(rerun.counts.get(each, nothing)) for each in verdicts)
         cells = (member.member, *sides, *counts, rerun.verdict, rerun.summary)
         grid.add_row(*map(escape, cells))
-    return grid
-
-
-def _draw_modes(report: GateReport) -> Table:
-    """The failure modes of both versions, one a row."""
-    counted = ("failures", "failures now")
-    grid = start_grid("members", "failure mode", "over releases", *counted, right=counted)
-    for each in report.matched:
-        for mode in each.modes:
-            numbers = (f"{mode.before:,}", f"{mode.now:,}")
-            cells = (", ".join(each.members), mode.name, mode.status_word, *numbers)
-            grid.add_row(*map(escape, cells))
     return grid
 
 

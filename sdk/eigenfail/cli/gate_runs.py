@@ -1,7 +1,7 @@
 """The campaigns of a gate: its baseline, the known failures, and what it runs on a service."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from itertools import chain
@@ -12,7 +12,7 @@ from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
 from eigenfail.client.link import wait_until
-from eigenfail.errors import Conflict, EigenfailError, InvalidValue, ServiceError
+from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.gate import baselines
 from eigenfail.gate.known import (
     KnownReplay,
@@ -26,12 +26,10 @@ from eigenfail.gate.known import (
     needs_modes,
     read_outcomes,
 )
-from eigenfail.gate.matched import MatchedModes, match_versions
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import Rerun, RerunSide, judge_rerun, read_figures
 from eigenfail.gate.verdicts import RunOutcomes
 from eigenfail.hosting.folder import DEFAULT_URL
-from eigenfail.methods import traits_of
 from eigenfail.progress import announce
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState
@@ -39,7 +37,6 @@ from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import FAILURES, Outcome, episode_seed
 from eigenfail.values.records import PEAK_BRAKING_MPS2, EpisodeRow
-from eigenfail.values.release import ReleaseTable
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import drawn_for
@@ -258,7 +255,7 @@ class Runner:
             else MemberReport(member=each.name, notes=("It is not in the baseline.",))
             for each in gated.members
         ]
-        return build_report(gate, members, [*self._match_modes(judged, before, now)])
+        return build_report(gate, members)
 
     def _run_together(self, suite: Suite) -> Campaigns:
         """Return the campaigns of a suite by the names of its members, all of them done.
@@ -309,50 +306,6 @@ class Runner:
         if found is None or found.state is not CampaignState.DONE:
             return replay.now
         return drop_unproven(replay.now, read_outcomes(_index_episodes(self._client, found)))
-
-    def _match_modes(
-        self, members: Sequence[SuiteMember], before: Found, now: Campaigns
-    ) -> Iterator[MatchedModes]:
-        """The failure modes of both versions, by scenario; members may test the same one.
-
-        No error ends the gate here: its verdict does not depend on these modes.
-        """
-        reruns = [
-            (each.name, before[each.name], now[each.name])
-            for each in members
-            # Releases compare the failure modes of campaigns whose method finds new failures.
-            if before[each.name].id != now[each.name].id
-            and traits_of(now[each.name].spec.method).finds_new
-        ]
-        # All are analysed before any is compared: a comparison has the modes of all of them.
-        problems = {name: self._analyze_modes(was, campaign) for name, was, campaign in reruns}
-        tables: dict[int, ReleaseTable] = {}
-        names: dict[tuple[int, str, str], list[str]] = {}
-        for name, was, campaign in reruns:
-            try:
-                # It may be none of the newest campaigns, to which the comparison is limited.
-                table = None if problems[name] else self._client.releases.get(campaign.id)
-            except EigenfailError as error:
-                table, problems[name] = None, str(error)
-            if table is None:
-                yield MatchedModes(members=(name,), campaign=campaign.id, problem=problems[name])
-                continue
-            tables[table.question.campaign] = table
-            versions = was.spec.version, campaign.spec.version
-            names.setdefault((table.question.campaign, *versions), []).append(name)
-        for (question, old, new), alike in names.items():
-            matched = match_versions(alike, tables[question], old, new)
-            if matched.modes or matched.problem:
-                yield matched
-
-    def _analyze_modes(self, was: Campaign, campaign: Campaign) -> str:
-        """Analyse a campaign of the new version; return why that was not possible, or nothing."""
-        if was.spec.version and campaign.counts.failures:
-            try:
-                find_or_run_analysis(self._client, self._place, campaign.id)
-            except EigenfailError as error:
-                return str(error)
-        return ""
 
     def _judge_rerun(self, was: Campaign, now: Campaign, gate: GateRun) -> Rerun:
         """What became of a campaign that was run again."""

@@ -18,7 +18,6 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.gate.known import NEW_MODE
-from eigenfail.gate.matched import MatchedModes, describe_match, describe_matched
 from eigenfail.gate.reruns import (
     GateFinding,
     JudgedBy,
@@ -95,14 +94,12 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     Attributes:
         counts: how many known failures, episodes and campaigns there are of each verdict.
         open: whether nothing closes the gate, and no episode may hide what would.
-        matched: the failure modes of both versions, matched over releases; they judge nothing.
     """
 
     gate: GateRun
     open: bool
     counts: dict[GateVerdict, Count]
     members: tuple[MemberReport, ...]
-    matched: tuple[MatchedModes, ...] = ()
 
     def problems(self) -> Iterator[str]:
         """Why episodes errored."""
@@ -141,9 +138,7 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         )
 
 
-def build_report(
-    gate: GateRun, members: Sequence[MemberReport], matched: Sequence[MatchedModes] = ()
-) -> GateReport:
+def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
     """Return the report of a gate, with the counts of its verdicts and whether it is open."""
     seen = Counter[GateVerdict]()
     for member in members:
@@ -156,7 +151,6 @@ def build_report(
         open=gate.closing.isdisjoint(counts),
         counts=counts,
         members=tuple(members),
-        matched=tuple(matched),
     )
     return replace(report, open=False) if any(report.list_doubts()) else report
 
@@ -183,40 +177,19 @@ def to_junit(report: GateReport) -> bytes:
     root = ET.Element("testsuites", name=_remove_illegal(f"eigenfail gate {report.gate.run}"))
     gate = report.gate
     for member in report.members:
-        suite = _add_suite(root, f"{gate.suite}: {member.member}", _list_cases(member), gate)
+        name = _remove_illegal(f"{gate.suite}: {member.member}")
+        suite = ET.SubElement(root, "testsuite", name=name)
+        suite.extend(_build_case(case, name, gate) for case in _list_cases(member))
+        _write_totals(suite, list(suite))
         # The schema of the format has properties in front of the cases.
         properties = ET.Element("properties")
         suite.insert(0, properties)
         for name, value in _list_properties(member, gate):
             ET.SubElement(properties, "property", name=name, value=_remove_illegal(value))
-    if report.matched:
-        modes = _list_mode_cases(report.matched)
-        _add_suite(root, f"{gate.suite}: failure modes over releases", modes, gate)
     _write_totals(root, list(root.iter("testcase")))
     ET.indent(root)
     document: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return document + b"\n"
-
-
-def _add_suite(
-    root: ET.Element, name: str, cases: Iterator[_TestCase], gate: GateRun
-) -> ET.Element:
-    """Return a test suite with its cases and their totals, added to the document."""
-    suite = ET.SubElement(root, "testsuite", name=_remove_illegal(name))
-    suite.extend(_build_case(case, suite.get("name", ""), gate) for case in cases)
-    _write_totals(suite, list(suite))
-    return suite
-
-
-def _list_mode_cases(matched: Sequence[MatchedModes]) -> Iterator[_TestCase]:
-    """The test cases of failure modes, none of which is judged."""
-    for each in matched:
-        members = ", ".join(each.members)
-        if each.problem:
-            yield _TestCase(members, "failure modes are not matched", None, each.problem)
-        for mode in each.modes:
-            name = f"{mode.name}: {mode.status_word}"
-            yield _TestCase(members, name, None, describe_match(mode))
 
 
 def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str, str]]:
@@ -334,7 +307,6 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
     """What the gate says of all of it, and what it cannot say."""
     yield describe_conclusion(report)
     yield from _list_caveats(report)
-    yield from describe_matched(report.matched)
 
 
 def describe_conclusion(report: GateReport) -> str:

@@ -32,7 +32,7 @@ class GateStore:
         """Store a report, and log its verdict.
 
         A report that is stored already is returned as it is, and logged once, also if the file of
-        the suite, the links or the matched modes differ.
+        the suite or the links differ.
         """
         try:
             with self._database.writing() as connection:
@@ -100,14 +100,13 @@ def _describe_verdict(report: GateReport) -> tuple[str, str]:
 def _digest_judged(report: GateReport) -> str:
     """Return the SHA-256 of the judgements in a report, as a hexadecimal number.
 
-    The file of the suite and the links depend on where the command was run, and the matched modes
-    on other campaigns of the service: the same gate is the same result whatever they are.
+    The file of the suite and the links depend on where the command was run: the same gate is the
+    same result whatever they are.
     """
     judged = replace(
         report,
         gate=replace(report.gate, file=""),
         members=tuple(map(_remove_links, report.members)),
-        matched=(),
     )
     return hashlib.sha256(msgspec.json.encode(judged, order="deterministic")).hexdigest()
 

@@ -446,8 +446,7 @@ audit = sa.Table(
 )
 
 
-# Reports of gates, each once: `digest` is the SHA-256 of the report without file, links and modes
-# over releases.
+# Reports of gates, each once: `digest` is the SHA-256 of the report without file and links.
 gates = sa.Table(
     "gates",
     metadata,

@@ -23,17 +23,11 @@ GOLDEN = {
     for file in sorted((Path(bridge.__file__).parent / "golden").iterdir())
 }
 DIALOGUE = (
-    ("hello_of_protocol_2", "refusal"),
+    ("hello_of_another_protocol", "refusal"),
     ("hello", "welcome"),
     ("reset", "observations_at_start"),
     ("step", "observations_after_step"),
     ("step_of_another_session", "error"),
-    ("close", "closed"),
-)
-DIALOGUE_2 = (
-    ("hello_with_choice", "welcome_2"),
-    ("reset_2", "observations_2_at_start"),
-    ("step_2", "observations_2_after_step"),
     ("close", "closed"),
 )
 ABOVE = (0, 127, 128, 255, 256, 2**16, 2**32, 2**64 - 1)
@@ -121,9 +115,8 @@ def without_nil(value: object) -> object:
     return value
 
 
-@pytest.mark.parametrize("dialogue", [DIALOGUE, DIALOGUE_2], ids=["version 1", "version 2"])
-def test_it_leads_the_golden_dialogue(ask, dialogue) -> None:
-    for request, answer in dialogue:
+def test_it_leads_the_golden_dialogue(ask) -> None:
+    for request, answer in DIALOGUE:
         assert told_of(ask(GOLDEN[request])) == told_of(GOLDEN[answer]), request
 
 
@@ -147,8 +140,8 @@ def test_slots_that_are_over_and_names_that_nobody_knows_are_faults(ask) -> None
 
 
 def test_channels_that_it_does_not_offer_are_faults_of_their_slots(ask) -> None:
-    ask(GOLDEN["hello_with_choice"])
-    reset = decode(GOLDEN["reset_2"])
+    ask(GOLDEN["hello"])
+    reset = decode(GOLDEN["reset"])
     reset["slots"][1]["channels"] = [{"name": "longitudinal"}]
     known, unknown = decode(ask(encode(reset)))["slots"]
     assert "fault" not in known
@@ -158,12 +151,12 @@ def test_channels_that_it_does_not_offer_are_faults_of_their_slots(ask) -> None:
 
 
 def test_an_account_is_given_where_it_is_asked_for(ask) -> None:
-    ask(GOLDEN["hello_with_choice"])
-    reset = decode(GOLDEN["reset_2"])
+    ask(GOLDEN["hello"])
+    reset = decode(GOLDEN["reset"])
     for each in reset["slots"]:
         each.pop("explain", None)
     ask(encode(reset))
-    first, _ = decode(ask(GOLDEN["step_2"]))["slots"]
+    first, _ = decode(ask(GOLDEN["step"]))["slots"]
     assert first["signals"] == {"planned_gap_m": 19.5}
     assert first.keys().isdisjoint({"account", "path"})
 
@@ -257,12 +250,12 @@ def test_a_worker_that_is_silent_makes_room_though_its_episode_is_not_over(ask) 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
 @given(
-    st.sampled_from(["hello", "reset", "step", "hello_with_choice", "reset_2", "step_2"]),
+    st.sampled_from(["hello", "reset", "step"]),
     st.integers(0, 400),
     st.integers(0, 255),
 )
 def test_spoilt_requests_are_answered_and_nothing_else(ask, name, place, byte) -> None:
-    ask(GOLDEN["hello_with_choice" if name.endswith("2") else "hello"])
+    ask(GOLDEN["hello"])
     spoilt = bytearray(GOLDEN[name])
     spoilt[place % len(spoilt)] = byte
     assert decode(ask(bytes(spoilt)), strict=False)["type"] in {

@@ -5,13 +5,11 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
-from eigenfail.gate.matched import MatchedMode, MatchedModes
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
 from eigenfail.gate.results import check_report
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.testing import expect_error
-from eigenfail.values.release import ModeStatus
 from eigenfail_services.store import Store
 from store_checks.crowds import at_once
 from store_checks.examples import equal
@@ -47,18 +45,9 @@ def make_report(*verdicts: GateVerdict, version: str = "v2", baseline: str = "v1
         file="nightly.toml",
     )
     compared = rerun if baseline else None
-    mode = MatchedMode(
-        name="It brakes late",
-        status=ModeStatus.NOT_MET,
-        before=5,
-        now=0,
-        mode="1/1",
-        words="No failure of it. Not met in this search.",
-    )
     member = MemberReport(member="cut-in", baseline=sides[0], known=known, rerun=compared)
     absent = MemberReport(member="merge", notes=("It is not in the baseline.",))
-    matched = MatchedModes(members=("cut-in",), campaign=2, modes=(mode,))
-    return build_report(run, [member, absent], [matched] if baseline else [])
+    return build_report(run, [member, absent])
 
 
 def keeps_reports(store: Store) -> None:
@@ -92,7 +81,7 @@ def keeps_a_report_once(store: Store) -> None:
 
 
 def keeps_a_gate_of_two_places_once(store: Store) -> None:
-    """A gate from another folder, over another URL or beside other releases is the same result."""
+    """A gate from another folder or over another URL is the same result."""
     report = make_report(GateVerdict.NEW)
     first, *others = report.members
     known = tuple(replace(each, link="https://other.example/") for each in first.known)
@@ -100,7 +89,6 @@ def keeps_a_gate_of_two_places_once(store: Store) -> None:
         report,
         gate=replace(report.gate, file="suites/nightly.toml"),
         members=(replace(first, known=known), *others),
-        matched=(),
     )
     made = [store.gates.record(each) for each in (report, elsewhere)]
     equal(made[1], made[0], "The same gate")

@@ -15,7 +15,6 @@ from eigenfail.values.episode import (
     TrajectorySource,
     episode_seed,
 )
-from eigenfail_workers.bridge.messages import PROTOCOLS
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.engines import make_engine
 
@@ -33,13 +32,10 @@ def built_in(planner: str, **changes) -> Engine:
     return Engine(EpisodeSetup(**(given | rest | changes)))
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("planner", ["idm", "rulebook"])
-def test_episodes_are_those_of_the_same_world_built_in(
-    planner, protocol, serving, on_bridge
-) -> None:
+def test_episodes_are_those_of_the_same_world_built_in(planner, serving, on_bridge) -> None:
     expected = [each.digest() for each in built_in(planner).run(tasks(24))]
-    with serving(protocol=protocol) as address:
+    with serving() as address:
         engine = on_bridge(address, planner, disturbance=NOISY)
         results = list(engine.run(tasks(24)))
     assert [each.digest() for each in results] == expected

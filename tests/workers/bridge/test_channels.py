@@ -70,13 +70,13 @@ def test_a_bridge_that_leaves_out_what_was_perceived_gives_the_same_scenes(
     np.testing.assert_array_equal(derived.scene.perceived, told.scene.perceived)
 
 
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_a_campaign_that_names_the_channels_of_a_position_runs_on_each_version(
-    protocol, serving, on_bridge
+@pytest.mark.parametrize("channels", [["lateral"], None])
+def test_a_campaign_that_names_a_channel_of_a_position_runs_where_it_is_offered(
+    channels, serving, on_bridge
 ) -> None:
     lateral = DisturbanceModel(channels=(Channel("lateral", 2.0),))
     expected = make_built_in(lateral, "idm", {}).run(TASKS[:3])
-    with serving(protocol=protocol) as address:
+    with serving(channels=channels) as address:
         found = list(on_bridge(address, disturbance=lateral).run(TASKS[:3]))
     assert [each.digest() for each in found] == [each.digest() for each in expected]
 
@@ -93,7 +93,7 @@ def test_a_replay_of_its_z_is_the_episode_bit_for_bit(serving, on_bridge) -> Non
 @pytest.mark.parametrize(
     ("name", "changes", "said"),
     [
-        ("missed", {"protocol": 1}, "'minimal' (version 1). Known: lateral, longitudinal."),
+        ("missed", {"channels": None}, "'minimal' (version 1). Known: lateral, longitudinal."),
         ("missed", {"channels": ["mised"]}, "Did you mean 'mised'?"),
         ("vehicle_1.speed", {"channels": ["vehicle_2.speed"]}, "Did you mean 'vehicle_2.speed'?"),
         ("vehicle_7.speed", {}, "'vehicle_7.speed' is of vehicle 7, and there are 1."),
@@ -143,8 +143,8 @@ def test_seeds_go_as_text_where_the_bridge_asks_for_that(
 
     monkeypatch.setattr(minimal.Bridge, "reset", listen)
     found = []
-    for changes in ({"seed_text": True}, {"seed_text": True, "protocol": 1}, {}):
+    for changes in ({"seed_text": True}, {}):
         with serving(**changes) as address:
             found += on_bridge(address).run(TASKS[:1])
-    assert seeds == [str(TASKS[0].seed), TASKS[0].seed, TASKS[0].seed]
+    assert seeds == [str(TASKS[0].seed), TASKS[0].seed]
     assert len({each.digest() for each in found}) == 1

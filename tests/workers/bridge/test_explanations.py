@@ -57,13 +57,6 @@ def test_an_account_that_is_too_long_is_the_simulators_fault(serving, monkeypatc
     assert found.steps == ()
 
 
-def test_version_1_explains_nothing(serving, monkeypatch) -> None:
-    with serving(protocol=1) as address:
-        monkeypatch.setenv("EIGENFAIL_BRIDGE", address)
-        with pytest.raises(InvalidValue, match="speaks version 1, which explains nothing"):
-            explain(BRIDGED, TASK)
-
-
 def test_a_process_that_knows_no_bridge_says_so(monkeypatch) -> None:
     monkeypatch.delenv("EIGENFAIL_BRIDGE", raising=False)
     with pytest.raises(InvalidValue, match="Set EIGENFAIL_BRIDGE to its address"):

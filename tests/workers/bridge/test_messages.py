@@ -9,7 +9,6 @@ import pytest
 from msgspec import convert
 from msgspec.msgpack import decode
 from msgspec.msgpack import encode as pack
-from msgspec.structs import replace
 
 from eigenfail.bridges import check_channels
 from eigenfail.errors import PlannerError, SimulatorError
@@ -24,89 +23,41 @@ from eigenfail_workers.bridge.messages import encode, read_answer
 GOLDEN = Path(bridge.__file__).parent / "golden"
 SESSION = "0123456789abcdef0123456789abcdef"
 OF_TRUCK = {"distance_m": 55.0, "wet": True, "kind": "truck", "lanes": 2}
-STARTS = (
-    said.SlotStart(0, 7, "cut_in", OF_TRUCK, "rulebook", {"beside_m": 6.0}, 100),
-    said.SlotStart(1, 2**63 - 1, "cut_in", {}, "idm", {}, 100),
-)
-PUSHES = (said.SlotStep(0, (0.5, -0.25)), said.SlotStep(1, (-1.0, 0.125)))
 CHANNELS = (said.InjectedChannel("lateral"), said.InjectedChannel("ghost", 30.0))
+STARTS = (
+    said.SlotStart(0, 7, "cut_in", OF_TRUCK, "rulebook", {"beside_m": 6.0}, 100, CHANNELS, True),
+    said.SlotStart(1, 2**63 - 1, "cut_in", {}, "idm", {}, 100, CHANNELS),
+)
+PUSHES = (
+    said.SlotStep(0, {"lateral": -0.25, "ghost": 1.0}),
+    said.SlotStep(1, {"lateral": 0.125, "ghost": 0.0}),
+)
 REQUESTS = {
-    "hello": said.BridgeHello(1, SESSION),
-    "hello_of_protocol_2": said.BridgeHello(2, SESSION),
+    "hello": said.BridgeHello(2, SESSION),
+    "hello_of_another_protocol": said.BridgeHello(1, SESSION),
     "reset": said.ResetRequest(SESSION, 1, STARTS),
     "step": said.StepRequest(SESSION, 2, PUSHES),
     "step_of_another_session": said.StepRequest("f" * 32, 3, PUSHES),
     "close": said.CloseRequest(SESSION, 4),
-    "hello_with_choice": said.BridgeHello(1, SESSION, (1, 2)),
-    "reset_2": said.ResetRequest(
-        SESSION,
-        1,
-        (
-            replace(STARTS[0], channels=CHANNELS, explain=True),
-            replace(STARTS[1], channels=CHANNELS),
-        ),
-    ),
-    "step_2": said.StepRequest(
-        SESSION,
-        2,
-        (
-            said.SlotStep(0, disturbances={"lateral": -0.25, "ghost": 1.0}),
-            said.SlotStep(1, disturbances={"lateral": 0.125, "ghost": 0.0}),
-        ),
-    ),
 }
 ego, other, moved = (0.0, 0.0, 0.0, 24.0, 16.5, 2.5), (100.0, 4.0, 0.0, 12.5, 4.5, 1.8), 2.375
 ANSWERS = {
     "welcome": said.BridgeWelcome(
-        1,
+        2,
         "stub",
         "1.0",
         2,
         (said.BridgeScenario("cut_in", 0.1, 100, OF_TRUCK),),
         (said.BridgePlanner("rulebook", {"beside_m": 6.0}), said.BridgePlanner("idm", {})),
-    ),
-    "refusal": said.BridgeRefusal("I speak protocol 1."),
-    "observations_at_start": said.Observations(
-        1,
-        (said.SlotObservation(0, ego, (other,), False, False, off_road=False),) * 2,
-    ),
-    "observations_after_step": said.Observations(
-        2,
-        (
-            said.SlotObservation(
-                step=1,
-                ego=(moved, *ego[1:]),
-                others=(other, other),
-                collided=True,
-                ended=True,
-                perceived=(100.5, 3.75),
-                control=(-7.5, 0.01),
-                applied=(-7.0, 0.01),
-                off_road=True,
-            ),
-            said.SlotObservation(fault="planner", message="It looked away."),
-        ),
-    ),
-    "error": said.BridgeError(3, "simulator", "I do not know this session.", lost=True),
-    "closed": said.Closed(4),
-}
-SCENARIOS, PLANNERS = ANSWERS["welcome"].scenarios, ANSWERS["welcome"].planners
-ANSWERS_2 = {
-    "welcome_2": said.ChannelWelcome(
-        2,
-        "stub",
-        "1.0",
-        2,
-        SCENARIOS,
-        PLANNERS,
         channels=("lateral", "ghost"),
         signals=(said.BridgeSignal("planned_gap_m", "m", "gap that the planner keeps"),),
         seed_text=False,
     ),
-    "observations_2_at_start": said.Observations(
+    "refusal": said.BridgeRefusal("I speak protocol 2."),
+    "observations_at_start": said.Observations(
         1,
         (
-            said.DetailedObservation(
+            said.SlotObservation(
                 0,
                 ego,
                 (other,),
@@ -119,10 +70,10 @@ ANSWERS_2 = {
         )
         * 2,
     ),
-    "observations_2_with_road": said.Observations(
+    "observations_with_road": said.Observations(
         1,
         (
-            said.DetailedObservation(
+            said.SlotObservation(
                 0,
                 ego,
                 (other,),
@@ -134,10 +85,10 @@ ANSWERS_2 = {
             ),
         ),
     ),
-    "observations_2_after_step": said.Observations(
+    "observations_after_step": said.Observations(
         2,
         (
-            said.DetailedObservation(
+            said.SlotObservation(
                 step=1,
                 ego=(moved, *ego[1:]),
                 others=(other, other),
@@ -152,22 +103,18 @@ ANSWERS_2 = {
                 account={"heeds": "lead", "gap_m": 81.0},
                 path=((moved, 0.0), (26.0, 0.0)),
             ),
-            said.DetailedObservation(fault="planner", message="It looked away."),
+            said.SlotObservation(fault="planner", message="It looked away."),
         ),
     ),
+    "error": said.BridgeError(3, "simulator", "I do not know this session.", lost=True),
+    "closed": said.Closed(4),
 }
 DIALOGUE = (
-    ("hello_of_protocol_2", "refusal"),
+    ("hello_of_another_protocol", "refusal"),
     ("hello", "welcome"),
     ("reset", "observations_at_start"),
     ("step", "observations_after_step"),
     ("step_of_another_session", "error"),
-    ("close", "closed"),
-)
-DIALOGUE_2 = (
-    ("hello_with_choice", "welcome_2"),
-    ("reset_2", "observations_2_at_start"),
-    ("step_2", "observations_2_after_step"),
     ("close", "closed"),
 )
 
@@ -178,30 +125,8 @@ class Stub:
     def __init__(self, asked: dict[str, Any]) -> None:
         self.asked = asked
 
-    def reset(self, seed: int) -> Observation:
-        return Observation(0, VehicleState(*ego), (VehicleState(*other),))
-
-    def step(self, disturbance: tuple[float, float]) -> Observation:
-        if self.asked["planner"] == "idm":
-            raise PlannerError("It looked away.")
-        return Observation(
-            step=1,
-            ego=VehicleState(moved, *ego[1:]),
-            others=(VehicleState(*other),) * 2,
-            collided=True,
-            ended=True,
-            perceived=(100.0 + disturbance[0], 4.0 + disturbance[1]),
-            control=Control(-7.5, 0.01),
-            applied=Control(-7.0, 0.01),
-            off_road=True,
-        )
-
-
-class StubOfVersion2(Stub):
-    """The same with a vehicle that enters, a signal, and a planner that explains itself."""
-
     @property
-    def planner(self) -> "StubOfVersion2":
+    def planner(self) -> "Stub":
         return self
 
     def explain(self) -> dict[str, object]:
@@ -211,14 +136,28 @@ class StubOfVersion2(Stub):
         return [(moved, 0.0), (26.0, 0.0)]
 
     def reset(self, seed: int) -> Observation:
-        start = super().reset(seed)
-        return replace(start, ids=(1,), signals={"planned_gap_m": 20.0})
+        others = (VehicleState(*other),)
+        signals = {"planned_gap_m": 20.0}
+        return Observation(0, VehicleState(*ego), others, ids=(1,), signals=signals)
 
     def step(self, disturbance: tuple[float, ...]) -> Observation:
+        if self.asked["planner"] == "idm":
+            raise PlannerError("It looked away.")
         lateral_m, ghost = disturbance
-        assert ghost == 1.0 or self.asked["planner"] == "idm"
-        seen = super().step((0.0, lateral_m))
-        return replace(seen, ids=(2, 1), signals={"planned_gap_m": 19.5})
+        assert ghost == 1.0
+        return Observation(
+            step=1,
+            ego=VehicleState(moved, *ego[1:]),
+            others=(VehicleState(*other),) * 2,
+            collided=True,
+            ended=True,
+            perceived=(100.0, 4.0 + lateral_m),
+            control=Control(-7.5, 0.01),
+            applied=Control(-7.0, 0.01),
+            off_road=True,
+            ids=(2, 1),
+            signals={"planned_gap_m": 19.5},
+        )
 
 
 def golden(name: str) -> bytes:
@@ -226,7 +165,7 @@ def golden(name: str) -> bytes:
 
 
 def test_every_file_is_a_message_and_every_message_a_file() -> None:
-    assert {file.stem for file in GOLDEN.iterdir()} == {*REQUESTS, *ANSWERS, *ANSWERS_2}
+    assert {file.stem for file in GOLDEN.iterdir()} == {*REQUESTS, *ANSWERS}
 
 
 @pytest.mark.parametrize("name", REQUESTS)
@@ -239,29 +178,10 @@ def test_workers_understand_every_answer(name: str) -> None:
     assert read_answer(golden(name)) == ANSWERS[name]
 
 
-@pytest.mark.parametrize("name", ANSWERS_2)
-def test_workers_understand_every_answer_of_version_2(name: str) -> None:
-    assert read_answer(golden(name), 2) == ANSWERS_2[name]
-
-
-def test_a_welcome_is_read_by_its_protocol_version() -> None:
-    assert type(said.read_hello_answer(golden("welcome"))) is said.BridgeWelcome
-    assert said.read_hello_answer(golden("welcome_2")) == ANSWERS_2["welcome_2"]
-    # To a worker that reads version 1 the keys of version 2 are keys that it does not know.
-    changed = decode(golden("welcome_2")) | {"protocol": 1, "channels": 7}
-    assert type(said.read_hello_answer(pack(changed))) is said.BridgeWelcome
-
-
-def test_the_reference_bridge_answers_by_the_byte_in_version_2(minimal) -> None:
-    served = minimal.Bridge(decode(golden("welcome_2")), StubOfVersion2)
-    for request, answer in DIALOGUE_2:
+def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
+    served = minimal.Bridge(decode(golden("welcome")), Stub)
+    for request, answer in DIALOGUE:
         assert decode(pack(served.answer(decode(golden(request))))) == decode(golden(answer))
-
-
-def test_a_bridge_of_version_2_speaks_version_1_to_a_worker_of_version_1(minimal) -> None:
-    served = minimal.Bridge(decode(golden("welcome_2")), Stub)
-    for request, answer in DIALOGUE[1:]:
-        assert pack(served.answer(decode(golden(request)))) == golden(answer), request
 
 
 SPOILT = {
@@ -272,32 +192,30 @@ SPOILT = {
     "nested account": {"account": {"a": {"b": 1}}},
     "path of one number": {"path": [[1.0]]},
     "no text": {"message": 7},
+    "too large": {"perceived": [1e10, 0.0]},
+    "five numbers": {"ego": [0.0] * 5},
+    "no length": {"ego": [0.0] * 6},
+    "a crowd": {"others": [[1.0] * 6] * 257},
+    "nobody's fault": {"fault": "weather"},
 }
 
 
 @pytest.mark.parametrize("name", SPOILT)
-def test_a_spoilt_observation_of_version_2_is_the_fault_of_its_slot_alone(name: str) -> None:
-    answer = decode(golden("observations_2_at_start"))
+def test_a_spoilt_observation_is_the_fault_of_its_slot_alone(name: str) -> None:
+    answer = decode(golden("observations_at_start"))
     answer["slots"][0] = answer["slots"][0] | SPOILT[name]
-    first, second = read_answer(pack(answer), 2).slots
+    first, second = read_answer(pack(answer)).slots
     assert first.fault == "simulator"
     assert ("The account has" if name.startswith("long") else "cannot be read") in first.message
-    assert second == ANSWERS_2["observations_2_at_start"].slots[1]
+    assert second == ANSWERS["observations_at_start"].slots[1]
 
 
 def test_an_account_of_exactly_the_most_bytes_is_read() -> None:
     text = "x" * (4096 - 3)
-    answer = decode(golden("observations_2_at_start"))
+    answer = decode(golden("observations_at_start"))
     answer["slots"][0]["account"] = text
     assert len(pack(text)) == 4096
-    assert read_answer(pack(answer), 2).slots[0].account == text
-
-
-def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
-    welcome = decode(golden("welcome"))
-    served = minimal.Bridge(welcome, Stub)
-    for request, answer in DIALOGUE:
-        assert pack(served.answer(decode(golden(request)))) == golden(answer), request
+    assert read_answer(pack(answer)).slots[0].account == text
 
 
 def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -> None:
@@ -309,50 +227,58 @@ def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -
     assert read_answer(data) == said.Observations(5, (whole,))
 
 
-def told_on_its_page(protocol: int) -> list[tuple[str, dict[str, Any]]]:
-    """What each side says in the session of a version on docs/bridge.md."""
+def read_page_sessions() -> list[list[tuple[str, dict[str, Any]]]]:
+    """What each side says in the sessions on docs/bridge.md."""
     page = (Path(__file__).parents[3] / "docs" / "bridge.md").read_text()
-    block = page.split("```json\n")[protocol].split("```")[0]
-    return [(line[0], json.loads(line[1:])) for line in re.split(r"\n(?=[→←])", block)]
+    blocks = [block.split("```")[0] for block in page.split("```json\n")[1:]]
+    return [
+        [(line[0], json.loads(line[1:])) for line in re.split(r"\n(?=[→←])", block)]
+        for block in blocks
+    ]
 
 
-def test_the_session_on_the_page_is_one() -> None:
-    sides, words = zip(*told_on_its_page(1), strict=True)
-    assert "".join(sides) == "→←" * 4
+def test_the_sessions_on_the_page_are_sessions() -> None:
     kinds = {
         "hello": said.BridgeHello,
         "reset": said.ResetRequest,
         "step": said.StepRequest,
         "close": said.CloseRequest,
     }
-    for request in words[::2]:
-        assert encode(convert(request, kinds[request["type"]])) == pack(request)
-    answers = [read_answer(pack(answer)) for answer in words[1::2]]
-    began, went = (answer.slots[0] for answer in answers[1:3])
-    reader = ObservationReader(POSITION, 0.1)
+    sessions = read_page_sessions()
+    assert len(sessions) == 2
+    for session in sessions:
+        sides, words = zip(*session, strict=True)
+        assert "".join(sides) == "→←" * (len(words) // 2)
+        for request in words[::2]:
+            assert encode(convert(request, kinds[request["type"]])) == pack(request)
+        answers = [read_answer(pack(answer)) for answer in words[1::2]]
+        assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
+
+
+def read_page_episode(number: int, channels: tuple[Channel, ...], disturbance: tuple[float, ...]):
+    """Return the welcome of a session on the page, and what is read of the start and a step."""
+    words = [word for _, word in read_page_sessions()[number]]
+    named = [channel.name for channel in channels]
+    assert [each["name"] for each in words[2]["slots"][0]["channels"]] == named
+    assert words[4]["slots"][0]["disturbances"] == dict(zip(named, disturbance, strict=True))
+    welcome = read_answer(pack(words[1]))
+    check_channels(welcome.offer, named)
+    (began,), (went,) = (read_answer(pack(words[place])).slots for place in (3, 5))
+    reader = ObservationReader(channels, 0.1)
     start = reader.read(began, ())
-    disturbance = tuple(words[4]["slots"][0]["disturbance"])
-    assert disturbance == (0.5, -0.25)
-    reader.read(went, disturbance)
+    return welcome, start, went, reader.read(went, disturbance)
+
+
+def test_the_first_session_on_the_page_perceives_what_was_sent() -> None:
+    _, start, went, _ = read_page_episode(0, POSITION, (0.5, -0.25))
     (seen,) = start.others
     assert went.perceived == (seen.x_m + 0.5, seen.y_m - 0.25)
-    assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
 
 
-def test_the_session_of_version_2_on_the_page_is_one() -> None:
-    sides, words = zip(*told_on_its_page(2), strict=True)
-    assert "".join(sides) == "→←" * 3
-    kinds = {"hello": said.BridgeHello, "reset": said.ResetRequest, "step": said.StepRequest}
-    for request in words[::2]:
-        assert encode(convert(request, kinds[request["type"]])) == pack(request)
-    welcome = said.read_hello_answer(pack(words[1]))
-    assert welcome.offered_signals == {"planned_gap_m"}
+def test_the_second_session_on_the_page_has_all_that_is_optional() -> None:
     channels = (Channel("missed"), Channel("vehicle_1.speed"))
-    check_channels(welcome.offer, [channel.name for channel in channels])
-    (began,), (went,) = (read_answer(pack(answer), 2).slots for answer in words[3::2])
-    reader = ObservationReader(channels, 0.1)
-    reader.read(began, ())
-    now = reader.read(went, (1.0, -0.5))
+    welcome, _, went, now = read_page_episode(1, channels, (1.0, -0.5))
+    assert welcome.offer.signals == ("planned_gap_m",)
     assert now.ids == (1, 2)
     assert record_step(went, now, 0.1).account == {"heeds": "nobody", "gap_m": 29.5}
 
@@ -360,14 +286,8 @@ def test_the_session_of_version_2_on_the_page_is_one() -> None:
 WRONG = {
     "no map": [1, 2],
     "no type": {"id": 1},
-    "another type": {"type": "hello", "protocol": 1, "session": SESSION},
-    "not a number": {"type": "observations", "id": 1, "slots": [{"ego": [float("nan")] * 6}]},
-    "too large": {"type": "observations", "id": 1, "slots": [{"perceived": [1e10, 0.0]}]},
-    "five numbers": {"type": "observations", "id": 1, "slots": [{"ego": [0.0] * 5}]},
-    "no length": {"type": "observations", "id": 1, "slots": [{"ego": [0.0] * 6}]},
-    "a crowd": {"type": "observations", "id": 1, "slots": [{"others": [[1.0] * 6] * 257}]},
+    "another type": {"type": "hello", "protocol": 2, "session": SESSION},
     "too many slots": {"type": "observations", "id": 1, "slots": [{}] * 257},
-    "nobody's fault": {"type": "observations", "id": 1, "slots": [{"fault": "weather"}]},
     "no slots": {**decode(golden("welcome")), "slots": 0},
     "endless steps": {"type": "welcome", "scenarios": [{"name": "a", "dt_s": 0.1, "steps": 1e9}]},
 }
@@ -391,11 +311,11 @@ def test_a_session_in_use_does_not_go_unless_its_worker_is_silent(minimal, monke
     served = minimal.Bridge(decode(golden("welcome")), Stub)
     reset = decode(golden("reset"))
     for number in range(minimal.MOST_SESSIONS):
-        served.answer({"type": "hello", "protocol": 1, "session": str(number)})
+        served.answer({"type": "hello", "protocol": 2, "session": str(number)})
         slots = [{**each} for each in reset["slots"]]
         if number != 1:
             served.answer({**reset, "session": str(number), "slots": slots})
-    hello = {"type": "hello", "protocol": 1}
+    hello = {"type": "hello", "protocol": 2}
     assert served.answer({**hello, "session": "a"})["type"] == "welcome"
     assert "0" in served.sessions
     assert "1" not in served.sessions
@@ -409,7 +329,7 @@ def test_a_session_in_use_does_not_go_unless_its_worker_is_silent(minimal, monke
 def test_the_session_goes_that_has_not_asked_for_longest(minimal) -> None:
     served = minimal.Bridge(minimal.welcome(), minimal.built_in)
     for number in range(minimal.MOST_SESSIONS):
-        served.answer({"type": "hello", "protocol": 1, "session": str(number)})
+        served.answer({"type": "hello", "protocol": 2, "session": str(number)})
     served.answer({"type": "step", "session": "0", "id": 1, "slots": []})
-    served.answer({"type": "hello", "protocol": 1, "session": "new"})
+    served.answer({"type": "hello", "protocol": 2, "session": "new"})
     assert {*map(str, range(minimal.MOST_SESSIONS)), "new"} - {*served.sessions} == {"1"}

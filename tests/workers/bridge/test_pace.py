@@ -3,8 +3,10 @@
 import pytest
 
 from eigenfail.cli.plugin_checks import CheckVerdict
+from eigenfail.values.disturbance import POSITION
 from eigenfail_workers.bridge.checks import BridgePace, measure_pace
 from eigenfail_workers.bridge.connection import Connection, make_timeouts
+from eigenfail_workers.bridge.episode import list_injected
 from eigenfail_workers.bridge.messages import SlotStart
 
 
@@ -29,7 +31,9 @@ def test_it_is_held_against_the_time_of_its_world_and_that_of_an_episode(alone_s
 def test_it_is_measured_alone_and_side_by_side(serving) -> None:
     with serving(slots=3) as address:
         connection = Connection(address)
-        pace = measure_pace(connection, SlotStart(0, 0, "cut_in", {}, "idm", {}, 100))
+        channels = list_injected(POSITION)
+        start = SlotStart(0, 0, "cut_in", {}, "idm", {}, 100, channels)
+        pace = measure_pace(connection, start)
         connection.close()
     assert (pace.dt_s, pace.beside) == (0.1, 3)
     assert pace.alone_s > 0.0

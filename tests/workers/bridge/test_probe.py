@@ -164,7 +164,7 @@ LONG = {f"{number:0190}": 0.5 for number in range(MAX_OFFER_BYTES // 190)}
     ("said", "closes"),
     [
         (b"\xc1", 0),
-        ({"type": "welcome", "protocol": 1}, 0),
+        ({"type": "welcome", "protocol": 2}, 0),
         ({"type": "refusal", "reason": "I do not like it."}, 0),
         (CLOSED, 0),
         (WELCOME | {"protocol": 3}, 1),

@@ -16,7 +16,7 @@ from eigenfail_services.store.codec import pack as pack_scene
 from eigenfail_services.store.codec import to_scene
 from eigenfail_workers import bridge
 from eigenfail_workers.bridge.episode import ObservationReader
-from eigenfail_workers.bridge.messages import DetailedObservation, read_answer
+from eigenfail_workers.bridge.messages import SlotObservation, read_answer
 
 GOLDEN = Path(bridge.__file__).parent / "golden"
 STEPS = 5
@@ -97,10 +97,10 @@ def test_kinds_for_some_vehicles_alone_are_the_simulators_fault(show) -> None:
 
 def test_vehicles_that_come_and_go_keep_their_kinds() -> None:
     reader = ObservationReader(POSITION, 0.1)
-    reader.read(DetailedObservation(0, EGO, CARS[:1], ids=("a",), kinds=("truck",)), ())
-    both = DetailedObservation(1, EGO, CARS[::-1], ids=("b", "a"), kinds=("bicycle", "car"))
+    reader.read(SlotObservation(0, EGO, CARS[:1], ids=("a",), kinds=("truck",)), ())
+    both = SlotObservation(1, EGO, CARS[::-1], ids=("b", "a"), kinds=("bicycle", "car"))
     reader.read(both, (0.0, 0.0))
-    reader.read(DetailedObservation(2, EGO, CARS[1:], ids=("b",), kinds=("bicycle",)), (0.0, 0.0))
+    reader.read(SlotObservation(2, EGO, CARS[1:], ids=("b",), kinds=("bicycle",)), (0.0, 0.0))
     nothing = np.zeros((0, 2), np.float32)
     scene = Scene(0.1, np.zeros((3, 3, 4), np.float32), np.ones((3, 2)), nothing, nothing)
     assert reader.complete_scene(scene).kinds == ("unknown", "truck", "bicycle")
@@ -164,4 +164,4 @@ def test_version_1_knows_neither() -> None:
 def test_a_wrong_number_of_kinds_is_found_at_the_start() -> None:
     reader = ObservationReader(POSITION, 0.1)
     with pytest.raises(SimulatorError, match="have 3 kinds"):
-        reader.read(DetailedObservation(0, EGO, CARS, kinds=("car",) * 3), ())
+        reader.read(SlotObservation(0, EGO, CARS, kinds=("car",) * 3), ())

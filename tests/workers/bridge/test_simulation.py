@@ -11,10 +11,10 @@ from eigenfail.values.disturbance import POSITION
 from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.bridge.checks import BridgeSimulation
 from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.episode import ObservationReader
+from eigenfail_workers.bridge.episode import ObservationReader, list_injected
 from eigenfail_workers.bridge.messages import SlotObservation, SlotStart
 
-START = SlotStart(0, 0, "cut_in", {}, "idm", {}, 100)
+START = SlotStart(0, 0, "cut_in", {}, "idm", {}, 100, list_injected(POSITION))
 
 
 @pytest.mark.parametrize("simulator", plugins.names(plugins.SIMULATORS))

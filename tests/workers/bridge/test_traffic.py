@@ -13,7 +13,7 @@ from eigenfail.values.requirements import Formula
 from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail.worlds import world_of
 from eigenfail_workers.bridge.episode import ObservationReader
-from eigenfail_workers.bridge.messages import DetailedObservation
+from eigenfail_workers.bridge.messages import SlotObservation
 
 STEPS, DT_S = 20, 0.1
 TASK = EpisodeTask(0, 7, PriorSource())
@@ -138,27 +138,27 @@ EGO, CAR, VAN = (
 @pytest.mark.parametrize(
     ("after", "said"),
     [
-        (DetailedObservation(1, EGO, (CAR, VAN), ids=(1, 1)), "have the ids"),
-        (DetailedObservation(1, EGO, (CAR, VAN), ids=(1,)), "have the ids"),
-        (DetailedObservation(1, EGO, (VAN,), ids=("a",)), "'a' had another footprint before"),
-        (DetailedObservation(1, EGO, (CAR,)), "have `ids`, and some do not"),
-        (DetailedObservation(1, EGO, (), ids=()), "has no other vehicles"),
+        (SlotObservation(1, EGO, (CAR, VAN), ids=(1, 1)), "have the ids"),
+        (SlotObservation(1, EGO, (CAR, VAN), ids=(1,)), "have the ids"),
+        (SlotObservation(1, EGO, (VAN,), ids=("a",)), "'a' had another footprint before"),
+        (SlotObservation(1, EGO, (CAR,)), "have `ids`, and some do not"),
+        (SlotObservation(1, EGO, (), ids=()), "has no other vehicles"),
     ],
 )
-def test_ids_that_are_none_are_the_simulators_fault(after: DetailedObservation, said: str) -> None:
+def test_ids_that_are_none_are_the_simulators_fault(after: SlotObservation, said: str) -> None:
     reader = ObservationReader(POSITION, DT_S)
-    reader.read(DetailedObservation(0, EGO, (CAR,), ids=("a",)), ())
+    reader.read(SlotObservation(0, EGO, (CAR,), ids=("a",)), ())
     with pytest.raises(SimulatorError, match=said):
         reader.read(after, (0.0, 0.0))
 
 
 def test_an_episode_has_a_bounded_number_of_vehicles() -> None:
     reader = ObservationReader(POSITION, DT_S)
-    reader.read(DetailedObservation(0, EGO, (CAR,), ids=(0,)), ())
+    reader.read(SlotObservation(0, EGO, (CAR,), ids=(0,)), ())
     for step in range(1, 256):
-        reader.read(DetailedObservation(step, EGO, (CAR,), ids=(step,)), (0.0, 0.0))
+        reader.read(SlotObservation(step, EGO, (CAR,), ids=(step,)), (0.0, 0.0))
     with pytest.raises(SimulatorError, match="more than 256 other vehicles"):
-        reader.read(DetailedObservation(256, EGO, (CAR,), ids=(256,)), (0.0, 0.0))
+        reader.read(SlotObservation(256, EGO, (CAR,), ids=(256,)), (0.0, 0.0))
 
 
 def make_spec(formula: str) -> CampaignSpec:

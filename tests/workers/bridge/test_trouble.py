@@ -128,11 +128,14 @@ def test_an_episode_that_takes_too_long_is_given_up(whose: str, serving, on_brid
     [
         ({"type": "refusal", "reason": "We are\nfull."}, "refuses: We are full."),
         ({"type": "closed", "id": 0}, "answered a hello with closed"),
-        ("welcome 3", "speaks protocol 3, and not 1 or 2"),
+        ("welcome 1", "speaks protocol 1, not protocol 2. Change the bridge to protocol 2"),
+        ("welcome 3", "speaks protocol 3, not protocol 2. Change the bridge to protocol 2"),
     ],
 )
 def test_who_does_not_let_us_in_says_why(answer, said, minimal) -> None:
-    given = {**minimal.welcome(), "protocol": 3} if answer == "welcome 3" else answer
+    given = answer
+    if isinstance(answer, str):
+        given = {**minimal.welcome(), "protocol": int(answer.removeprefix("welcome "))}
     with zmq.Context.instance().socket(zmq.ROUTER) as server:
         port = server.bind_to_random_port("tcp://127.0.0.1")
         server.linger = 0

@@ -58,7 +58,7 @@ class BridgeSimulation:
 
     Args:
         connection: used by nothing else at the same time; it stays open.
-        start: what to begin; the seed is that of each reset.
+        start: what to begin; the seed is that of each reset, and the channels are those below.
         channels: the channels, in the order of the disturbances. By default, disturbances are of
             both channels of the position, and those that the bridge does not offer are left out.
     """
@@ -70,13 +70,12 @@ class BridgeSimulation:
         channels: tuple[Channel, ...] | None = None,
     ) -> None:
         self._connection = connection
-        self._start = start
         self._is_position = channels is None
         self._channels = list_position(connection.welcome) if channels is None else channels
-        channels = self._channels
+        self._start = replace(start, channels=episode.list_injected(self._channels))
         self.dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
         self.steps = start.steps
-        self._reader = episode.ObservationReader(channels, self.dt_s)
+        self._reader = episode.ObservationReader(self._channels, self.dt_s)
         self._now: Observation | None = None
         self._closed = False
 
@@ -86,7 +85,7 @@ class BridgeSimulation:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         # Forgotten first: if the reset fails, a step must not go on with the episode before.
         self._now = None
-        (seen,) = _reset(self._connection, replace(self._start, seed=seed), channels=self._channels)
+        (seen,) = _reset(self._connection, replace(self._start, seed=seed))
         self._reader = episode.ObservationReader(self._channels, self.dt_s)
         self._now = self._reader.read(seen, ())
         return self._now
@@ -97,11 +96,10 @@ class BridgeSimulation:
         if now is None or now.ended or self._closed:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         self._now = None
-        welcome, slot = self._connection.welcome, self._start.slot
         if self._is_position:
-            disturbance = select_offered(welcome, disturbance)
+            disturbance = select_components(self._channels, disturbance)
         (seen,) = _step(
-            self._connection, episode.make_step(welcome, slot, self._channels, disturbance)
+            self._connection, episode.make_step(self._start.slot, self._channels, disturbance)
         )
         self._now = self._reader.read(seen, disturbance)
         return self._now
@@ -114,27 +112,21 @@ class BridgeSimulation:
 
 def list_position(welcome: messages.BridgeWelcome) -> tuple[Channel, ...]:
     """Return the channels of the position of the nearest vehicle that a bridge offers."""
-    return tuple(channel for channel in POSITION if channel.name in welcome.offered_channels)
+    offered = welcome.offer.channels
+    return tuple(channel for channel in POSITION if channel.name in offered)
 
 
-def select_offered(welcome: messages.BridgeWelcome, disturbance: Row) -> Row:
-    """Return the components of a disturbance of the position that a bridge offers."""
-    offered = welcome.offered_channels
+def select_components(channels: tuple[Channel, ...], disturbance: Row) -> Row:
+    """Return the components of a disturbance of the position that are of these channels."""
     pairs = zip(POSITION, disturbance, strict=True)
-    return tuple(each for channel, each in pairs if channel.name in offered)
+    return tuple(each for channel, each in pairs if channel in channels)
 
 
 def _reset(
-    connection: Connection, *starts: messages.SlotStart, channels: tuple[Channel, ...] | None = None
+    connection: Connection, *starts: messages.SlotStart
 ) -> tuple[messages.SlotObservation, ...]:
-    """Reset slots, in the version of the protocol that was agreed on."""
-    welcome = connection.welcome
-    channels = list_position(welcome) if channels is None else channels
-    if welcome.wants_text_seeds:
+    if connection.welcome.seed_text:
         starts = tuple(replace(start, seed=str(start.seed)) for start in starts)
-    if welcome.protocol >= messages.CHANNEL_PROTOCOL:
-        injected = episode.list_injected(channels)
-        starts = tuple(replace(start, channels=injected) for start in starts)
     return _request(
         connection, messages.ResetRequest(connection.session, connection.next_id(), starts)
     )
@@ -221,8 +213,8 @@ def _run_side_by_side(
     shown = zip(readers, _reset(connection, *starts), strict=True)
     courses = [[reader.read(seen, ())] for reader, seen in shown]
     while running := [slot for slot, course in enumerate(courses) if not course[-1].ended]:
-        waves = {slot: select_offered(welcome, wave(len(courses[slot]))) for slot in running}
-        steps = (episode.make_step(welcome, slot, channels, waves[slot]) for slot in running)
+        waves = {slot: select_components(channels, wave(len(courses[slot]))) for slot in running}
+        steps = (episode.make_step(slot, channels, waves[slot]) for slot in running)
         for slot, seen in zip(running, _step(connection, *steps), strict=True):
             courses[slot].append(readers[slot].read(seen, waves[slot]))
     return courses
@@ -231,7 +223,7 @@ def _run_side_by_side(
 def refuses_what_is_over(connection: Connection, start: messages.SlotStart) -> None:
     """A step before a reset or after the end is answered with a fault."""
     channels = list_position(connection.welcome)
-    step = episode.make_step(connection.welcome, start.slot, channels, (0.0,) * len(channels))
+    step = episode.make_step(start.slot, channels, (0.0,) * len(channels))
     (seen,) = _step(connection, step)
     # Nothing was reset yet on this connection: an answer could only be made up.
     expect(seen.fault is not None, "A step before any reset must be answered with a fault.")
@@ -253,7 +245,7 @@ def refuses_unknown_names(connection: Connection, start: messages.SlotStart) -> 
 
 def offers_known_channels(connection: Connection, _start: messages.SlotStart) -> None:
     """Each channel that the bridge offers is one that campaigns can name."""
-    for name in sorted(connection.welcome.offered_channels):
+    for name in connection.welcome.offer.channels:
         numbered, quantity = split_name(name).vehicle is not None, split_name(name).quantity
         known = name in ALL_CHANNELS or (numbered and f"{EVERY}.{quantity}" in ALL_CHANNELS)
         expect(known, f"'{name}' is no channel. {suggest_name(name, ALL_CHANNELS)}")
@@ -261,7 +253,7 @@ def offers_known_channels(connection: Connection, _start: messages.SlotStart) ->
 
 def disturbs_each_channel(connection: Connection, start: messages.SlotStart) -> None:
     """With each channel that the bridge offers disturbed, episodes end, and repeat themselves."""
-    for name in sorted(connection.welcome.offered_channels):
+    for name in connection.welcome.offer.channels:
         target, quantity = split_name(name)
         one = f"{VEHICLE}1.{quantity}" if target == EVERY else name
         channel = Channel(one).filled()
@@ -283,11 +275,9 @@ def _make_wave(channel: Channel) -> Callable[[int], Row]:
 
 def refuses_unknown_channels(connection: Connection, start: messages.SlotStart) -> None:
     """An unknown channel is a fault of its slot, and the next episode begins as usual."""
-    if connection.welcome.protocol >= messages.CHANNEL_PROTOCOL:
-        unknown = replace(start, channels=(messages.InjectedChannel("no such channel"),))
-        request = messages.ResetRequest(connection.session, connection.next_id(), (unknown,))
-        (seen,) = _request(connection, request)
-        expect(seen.fault is not None, "A channel that it does not offer must be a fault.")
+    unknown = replace(start, channels=(messages.InjectedChannel("no such channel"),))
+    (seen,) = _reset(connection, unknown)
+    expect(seen.fault is not None, "A channel that it does not offer must be a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
         simulation.reset(SEED)
 
@@ -305,14 +295,10 @@ CHECKS: tuple[Check, ...] = (
     keeps_slots_apart,
     refuses_what_is_over,
     refuses_unknown_names,
-)
-
-CHANNEL_CHECKS: tuple[Check, ...] = (
     offers_known_channels,
     disturbs_each_channel,
     refuses_unknown_channels,
 )
-"""Checks of a bridge that speaks version 2."""
 
 
 class BridgePace(msgspec.Struct, frozen=True):
@@ -409,8 +395,7 @@ def _check_campaign(address: str, campaign: CampaignSpec) -> CheckResult:
 
 def _describe(address: str, welcome: messages.BridgeWelcome) -> Iterator[CheckResult]:
     """Yield what a bridge offers, with the defaults of parameters and settings."""
-    named = f"{welcome.name} {welcome.version}, protocol {welcome.protocol}"
-    said = f"{named}: up to {welcome.slots} episodes side by side."
+    said = f"{welcome.name} {welcome.version}: up to {welcome.slots} episodes side by side."
     yield CheckResult(address, HELLO, CheckVerdict.PASSED, said)
     for each in welcome.scenarios:
         known = {"steps": each.steps, "dt_s": each.dt_s, **(each.parameters or {})}
@@ -418,13 +403,8 @@ def _describe(address: str, welcome: messages.BridgeWelcome) -> Iterator[CheckRe
     for planner in welcome.planners:
         defaults = _format_defaults(planner.settings or {})
         yield CheckResult(planner.name, "planner", CheckVerdict.PASSED, defaults)
-    if welcome.protocol >= messages.CHANNEL_PROTOCOL:
-        for what, names in (
-            ("channels", welcome.offered_channels),
-            ("signals", welcome.offered_signals),
-        ):
-            said = ", ".join(sorted(names)) or "none"
-            yield CheckResult(address, what, CheckVerdict.PASSED, said)
+    for what, names in (("channels", welcome.offer.channels), ("signals", welcome.offer.signals)):
+        yield CheckResult(address, what, CheckVerdict.PASSED, ", ".join(names) or "none")
 
 
 def _format_defaults(defaults: Mapping[str, Plain]) -> str:
@@ -435,7 +415,7 @@ def _run_checks(address: str, welcome: messages.BridgeWelcome) -> Iterator[Check
     """Yield the pace and each check; once the bridge has stopped answering, skip the rest."""
     rest = iter(_plan_checks(welcome))
     # First, as the bridge loads its parts in it: the checks then wait for no start.
-    pace = _check_pace(address, _make_start(welcome.scenarios[0], welcome.planners[0]))
+    pace = _check_pace(address, _make_start(welcome, welcome.scenarios[0], welcome.planners[0]))
     yield pace
     if pace.verdict is not CheckVerdict.BROKEN or _is_reachable(address):
         for start, check in rest:
@@ -450,19 +430,23 @@ def _run_checks(address: str, welcome: messages.BridgeWelcome) -> Iterator[Check
 def _plan_checks(welcome: messages.BridgeWelcome) -> Iterator[tuple[messages.SlotStart, Check]]:
     scenario, *scenarios = welcome.scenarios
     planner, *planners = welcome.planners
-    by_channel = welcome.protocol >= messages.CHANNEL_PROTOCOL
-    for check in (*CHECKS, *(CHANNEL_CHECKS if by_channel else ())):
-        yield _make_start(scenario, planner), check
+    for check in CHECKS:
+        yield _make_start(welcome, scenario, planner), check
     for each in scenarios:
-        yield _make_start(each, planner), counts_each_step
+        yield _make_start(welcome, each, planner), counts_each_step
     for other in planners:
-        yield _make_start(scenario, other), counts_each_step
+        yield _make_start(welcome, scenario, other), counts_each_step
 
 
 def _make_start(
-    scenario: messages.BridgeScenario, planner: messages.BridgePlanner
+    welcome: messages.BridgeWelcome,
+    scenario: messages.BridgeScenario,
+    planner: messages.BridgePlanner,
 ) -> messages.SlotStart:
-    return messages.SlotStart(0, SEED, scenario.name, {}, planner.name, {}, scenario.steps)
+    channels = episode.list_injected(list_position(welcome))
+    return messages.SlotStart(
+        0, SEED, scenario.name, {}, planner.name, {}, scenario.steps, channels
+    )
 
 
 def _check_pace(address: str, start: messages.SlotStart) -> CheckResult:

@@ -133,18 +133,21 @@ class Connection:
             raise self._make_error(f"refuses: {messages.sanitize(answer.reason)}")
         if not isinstance(answer, messages.BridgeWelcome):
             raise self._make_error(f"answered a hello with {answer.__struct_config__.tag}")
-        if answer.protocol not in messages.PROTOCOLS:
-            known = " or ".join(map(str, messages.PROTOCOLS))
-            raise self._make_error(f"speaks protocol {answer.protocol}, and not {known}")
+        if answer.protocol != messages.PROTOCOL:
+            known = f"protocol {messages.PROTOCOL}"
+            problem = (
+                f"The bridge at {self.address} speaks protocol {answer.protocol}, not {known}."
+            )
+            raise SimulatorError(problem, f"Change the bridge to {known}: docs/bridge.md has it.")
         return answer
 
     def _say_hello(self, left_s: float) -> messages.Answer:
         within_s = max(0.0, min(self.timeouts.hello_s, left_s))
-        self.send(messages.BridgeHello(messages.PROTOCOL, self.session, messages.PROTOCOLS))
+        self.send(messages.BridgeHello(messages.PROTOCOL, self.session))
         data = self._receive(within_s)
         if data is None:
             raise self._make_loss(f"did not answer within {within_s:.3g} s")
-        return messages.read_hello_answer(data)
+        return messages.read_answer(data)
 
     @property
     def is_alive(self) -> bool:
@@ -186,7 +189,7 @@ class Connection:
         if data is None:
             problem = f"The bridge at {self.address} did not answer within {answer_s:g} s."
             raise SimulatorError(problem, self.timeouts.remedy)
-        answer = messages.read_answer(data, self.welcome.protocol)
+        answer = messages.read_answer(data)
         if isinstance(answer, messages.BridgeError):
             if answer.lost:
                 raise self._make_loss(

@@ -13,9 +13,9 @@ from eigenfail import bridges
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
 from eigenfail.values.arrays import LARGEST_FLOAT32, Floats, find_lost
 from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
-from eigenfail.values.disturbance import AXES, DisturbanceModel
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import EpisodeResult, EpisodeSetup, EpisodeTask
-from eigenfail.values.proof import Account, Path
+from eigenfail.values.proof import Account
 from eigenfail.values.requirements import EpisodeJudge
 from eigenfail.values.scene import (
     UNKNOWN_KIND,
@@ -125,24 +125,21 @@ class BridgeEpisode:
     def make_start(self, slot: int) -> messages.SlotStart:
         """Return what a reset asks for in a slot."""
         setup, seed = self._campaign.setup, self.task.seed
-        start = messages.SlotStart(
+        return messages.SlotStart(
             slot,
-            str(seed) if self._welcome.wants_text_seeds else seed,
+            str(seed) if self._welcome.seed_text else seed,
             setup.scenario,
             self._parameters,
             setup.planner,
             self._campaign.settings,
             self._steps,
+            list_injected(self._campaign.noise.perceived),
+            self._campaign.recorded is not None,
         )
-        if self._welcome.protocol < messages.CHANNEL_PROTOCOL:
-            return start
-        explain = True if self._campaign.recorded is not None else UNSET
-        injected = list_injected(self._campaign.noise.perceived)
-        return replace(start, channels=injected, explain=explain)
 
     def make_step(self, slot: int) -> messages.SlotStep:
         """Return what the next step asks for in a slot."""
-        return make_step(self._welcome, slot, self._campaign.noise.perceived, self._disturbance)
+        return make_step(slot, self._campaign.noise.perceived, self._disturbance)
 
     def advance(
         self, seen: messages.SlotObservation, beside: int, connection: Connection
@@ -201,15 +198,10 @@ def list_injected(channels: tuple[Channel, ...]) -> tuple[messages.InjectedChann
     return tuple(messages.InjectedChannel(channel.name, channel.ahead_m) for channel in channels)
 
 
-def make_step(
-    welcome: messages.BridgeWelcome, slot: int, channels: tuple[Channel, ...], disturbance: Row
-) -> messages.SlotStep:
-    """Return what a step asks for in a slot, in the version of the protocol that was agreed on."""
-    values = {channel.name: each for channel, each in zip(channels, disturbance, strict=True)}
-    if welcome.protocol >= messages.CHANNEL_PROTOCOL:
-        return messages.SlotStep(slot, disturbances=values)
-    longitudinal, lateral = (values.get(name, 0.0) for name in AXES)
-    return messages.SlotStep(slot, (longitudinal, lateral))
+def make_step(slot: int, channels: tuple[Channel, ...], disturbance: Row) -> messages.SlotStep:
+    """Return what a step asks for in a slot."""
+    names = [channel.name for channel in channels]
+    return messages.SlotStep(slot, dict(zip(names, disturbance, strict=True)))
 
 
 class ObservationReader:
@@ -284,13 +276,12 @@ class ObservationReader:
 
     def _note_kinds(self, seen: messages.SlotObservation, now: Observation) -> None:
         """Keep the first kind that the bridge reports of each vehicle."""
-        kinds = seen.kinds if isinstance(seen, messages.DetailedObservation) else None
-        if kinds is None:
+        if seen.kinds is None:
             return
-        if len(kinds) != len(now.others):
-            problem = f"The {len(now.others)} other vehicles have {len(kinds)} kinds."
+        if len(seen.kinds) != len(now.others):
+            problem = f"The {len(now.others)} other vehicles have {len(seen.kinds)} kinds."
             raise SimulatorError(problem, "Give one for each, in their order, or leave them out.")
-        for number, kind in zip(now.numbers, kinds, strict=True):
+        for number, kind in zip(now.numbers, seen.kinds, strict=True):
             self._kinds.setdefault(number, kind if kind in VEHICLE_KINDS else UNKNOWN_KIND)
 
     def _read_start(self, seen: messages.SlotObservation) -> Observation:
@@ -302,7 +293,7 @@ class ObservationReader:
             if ids is None and vehicle is not None and vehicle > len(others):
                 problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
                 raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
-        if isinstance(seen, messages.DetailedObservation) and seen.road:
+        if seen.road:
             self._road = tuple([_read_border(border) for border in seen.road])
         return Observation(
             0,
@@ -312,7 +303,7 @@ class ObservationReader:
             bool(seen.ended),
             off_road=bool(seen.off_road),
             ids=ids,
-            signals=_read_signals(seen),
+            signals=seen.signals,
         )
 
     def _go_on(
@@ -343,14 +334,14 @@ class ObservationReader:
             Control(*seen.applied) if seen.applied else None,
             bool(seen.off_road),
             ids=ids,
-            signals=_read_signals(seen),
+            signals=seen.signals,
         )
 
     def _register(
         self, seen: messages.SlotObservation, others: tuple[VehicleState, ...]
     ) -> tuple[int, ...] | None:
         """Return the number of each other vehicle, in the order in which they were first seen."""
-        ids = seen.ids if isinstance(seen, messages.DetailedObservation) else None
+        ids = seen.ids
         if ids is None:
             return None
         if len(ids) != len(others) or len(set(ids)) != len(ids):
@@ -369,10 +360,6 @@ class ObservationReader:
         return tuple([self._vehicles[name][0] for name in ids])
 
 
-def _read_signals(seen: messages.SlotObservation) -> dict[str, float] | None:
-    return seen.signals if isinstance(seen, messages.DetailedObservation) else None
-
-
 def _write_id(named: str | float) -> str:
     """Return the id of a vehicle in an account as text; accounts hold integers as floats."""
     return named if isinstance(named, str) else f"{named:.0f}"
@@ -380,12 +367,9 @@ def _write_id(named: str | float) -> str:
 
 def record_step(seen: messages.SlotObservation, now: Observation, dt_s: float) -> RecordedStep:
     """Return what the bridge says of the planner's decision in the step just taken."""
-    account: Account = {}
-    path: Path = ()
-    if isinstance(seen, messages.DetailedObservation):
-        # An account may be plain text: it is kept under one name.
-        given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
-        account, path = read_account(given or {}), thin_path(seen.path or ())
+    # An account may be plain text: it is kept under one name.
+    given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
+    account, path = read_account(given or {}), thin_path(seen.path or ())
     control = now.control or Control(0.0, 0.0)
     return RecordedStep((now.step - 1) * dt_s, control, account, path)
 

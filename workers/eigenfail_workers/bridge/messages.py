@@ -1,30 +1,22 @@
-"""Messages between a worker and a bridge. docs/bridge.md describes both versions of the protocol.
+"""Messages between a worker and a bridge. docs/bridge.md describes the protocol.
 
 Unknown keys are ignored, so that either side may know more than the other. A message that cannot be
-decoded is a SimulatorError: no message can run code, and no number in it is NaN or infinite. Of
-version 2, an observation that cannot be decoded is the fault of its slot alone.
-
-Fields of version 2 are absent from requests in version 1, whose bytes are as they were before there
-was another version.
+decoded is a SimulatorError: no message can run code, and no number in it is NaN or infinite. An
+observation that cannot be decoded is the fault of its slot alone.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Iterator
+from typing import Annotated, Literal
 
 import msgspec
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import Meta
 
 from eigenfail import bridges, errors
 from eigenfail.values.disturbance import AXES
 
-PROTOCOL = 1
-"""Version that every bridge knows."""
+PROTOCOL = 2
+"""The protocol that worker and bridge must both speak; any other one is refused."""
 
-CHANNEL_PROTOCOL = 2
-"""Version in which disturbances go by channel."""
-
-PROTOCOLS = (PROTOCOL, CHANNEL_PROTOCOL)
 MAX_MESSAGE_BYTES = 16 * 1024 * 1024
 MAX_SLOTS = 256
 MAX_VEHICLES = 256
@@ -54,14 +46,12 @@ class BridgeHello(BridgeMessage, frozen=True, tag="hello"):
     """Request to open a session (worker to bridge).
 
     Attributes:
-        protocol: version of a bridge that knows no other.
+        protocol: number of the protocol that the worker speaks.
         session: text that the worker made up.
-        protocols: versions among which a bridge that knows several chooses.
     """
 
     protocol: int
     session: str
-    protocols: tuple[int, ...] | UnsetType = UNSET
 
 
 class InjectedChannel(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -76,13 +66,13 @@ class InjectedChannel(msgspec.Struct, frozen=True, omit_defaults=True):
     ahead_m: float | None = None
 
 
-class SlotStart(msgspec.Struct, frozen=True):
+class SlotStart(msgspec.Struct, frozen=True, omit_defaults=True):
     """Episode that a reset begins in one slot.
 
     Attributes:
         seed: as text where the bridge asks for that.
-        channels: channels for which each step holds a value (version 2).
-        explain: whether the bridge is to say what its planner computes (version 2).
+        channels: channels for which each step holds a value.
+        explain: whether the bridge is to say what its planner computes.
     """
 
     slot: int
@@ -92,8 +82,8 @@ class SlotStart(msgspec.Struct, frozen=True):
     planner: str
     settings: dict[str, bridges.Plain]
     steps: int
-    channels: tuple[InjectedChannel, ...] | UnsetType = UNSET
-    explain: bool | UnsetType = UNSET
+    channels: tuple[InjectedChannel, ...]
+    explain: bool = False
 
 
 class ResetRequest(BridgeMessage, frozen=True, tag="reset"):
@@ -108,14 +98,12 @@ class SlotStep(msgspec.Struct, frozen=True):
     """Disturbance of one slot in a step.
 
     Attributes:
-        disturbance: of the position of the nearest vehicle [m] (version 1).
         disturbances: of each channel by name, in its unit; of an event 1 while it lasts, and
-            otherwise 0 (version 2).
+            otherwise 0.
     """
 
     slot: int
-    disturbance: tuple[float, float] | UnsetType = UNSET
-    disturbances: dict[str, float] | UnsetType = UNSET
+    disturbances: dict[str, float]
 
 
 class StepRequest(BridgeMessage, frozen=True, tag="step"):
@@ -149,8 +137,23 @@ class BridgePlanner(msgspec.Struct, frozen=True):
     settings: Defaults | None = None
 
 
+class BridgeSignal(msgspec.Struct, frozen=True):
+    """Named number that the bridge reports of each step."""
+
+    name: Annotated[str, Meta(max_length=100, pattern="^[A-Za-z_][A-Za-z_0-9]*$")]
+    unit: Annotated[str, Meta(max_length=20)] = ""
+    words: Annotated[str, Meta(max_length=200)] = ""
+
+
 class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
-    """Acceptance of a session: what the bridge offers, and its number of slots."""
+    """Acceptance of a session: what the bridge offers, and its number of slots.
+
+    Attributes:
+        channels: names of the channels that the bridge can disturb; default: those of the position
+            of the nearest vehicle. `every.` stands for each vehicle.
+        signals: signals that each observation has a value of.
+        seed_text: whether seeds are to be sent as text.
+    """
 
     protocol: int
     name: bridges.Name
@@ -158,21 +161,9 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     slots: Annotated[int, Meta(ge=1, le=MAX_SLOTS)]
     scenarios: Annotated[tuple[BridgeScenario, ...], Meta(min_length=1, max_length=1000)]
     planners: Annotated[tuple[BridgePlanner, ...], Meta(min_length=1, max_length=1000)]
-
-    @property
-    def offered_channels(self) -> frozenset[str]:
-        """Names of the channels that the bridge can disturb."""
-        return frozenset(AXES)
-
-    @property
-    def offered_signals(self) -> frozenset[str]:
-        """Names of the signals that each observation has a value of."""
-        return frozenset()
-
-    @property
-    def wants_text_seeds(self) -> bool:
-        """Whether seeds are sent as text."""
-        return False
+    channels: Annotated[tuple[bridges.Name, ...], Meta(max_length=MAX_CHANNELS)] | None = None
+    signals: Annotated[tuple[BridgeSignal, ...], Meta(max_length=MAX_SIGNALS)] = ()
+    seed_text: bool | None = None
 
     @property
     def offer(self) -> bridges.BridgeOffer:
@@ -194,47 +185,9 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
                     for each in self.planners
                 ]
             ),
-            tuple(sorted(self.offered_channels)),
-            tuple(sorted(self.offered_signals)),
+            tuple(sorted(set(AXES if self.channels is None else self.channels))),
+            tuple(sorted({signal.name for signal in self.signals})),
         )
-
-
-class BridgeSignal(msgspec.Struct, frozen=True):
-    """Named number that the bridge reports of each step."""
-
-    name: Annotated[str, Meta(max_length=100, pattern="^[A-Za-z_][A-Za-z_0-9]*$")]
-    unit: Annotated[str, Meta(max_length=20)] = ""
-    words: Annotated[str, Meta(max_length=200)] = ""
-
-
-class ChannelWelcome(BridgeWelcome, frozen=True, tag="welcome"):
-    """Acceptance of a session in version 2.
-
-    Attributes:
-        channels: names of the channels that the bridge can disturb; default: those of the position
-            of the nearest vehicle. `every.` stands for each vehicle.
-        signals: signals that each observation has a value of.
-        seed_text: whether seeds are to be sent as text.
-    """
-
-    channels: Annotated[tuple[bridges.Name, ...], Meta(max_length=MAX_CHANNELS)] | None = None
-    signals: Annotated[tuple[BridgeSignal, ...], Meta(max_length=MAX_SIGNALS)] = ()
-    seed_text: bool | None = None
-
-    @property
-    def offered_channels(self) -> frozenset[str]:
-        """Names of the channels that the bridge can disturb."""
-        return frozenset(AXES if self.channels is None else self.channels)
-
-    @property
-    def offered_signals(self) -> frozenset[str]:
-        """Names of the signals that each observation has a value of."""
-        return frozenset(signal.name for signal in self.signals)
-
-    @property
-    def wants_text_seeds(self) -> bool:
-        """Whether seeds are sent as text."""
-        return bool(self.seed_text)
 
 
 class BridgeRefusal(BridgeMessage, frozen=True, tag="refusal"):
@@ -244,8 +197,20 @@ class BridgeRefusal(BridgeMessage, frozen=True, tag="refusal"):
     full: bool | None = None
 
 
+PlannerAccount = dict[bridges.Name, bool | Number | str]
+
+
 class SlotObservation(msgspec.Struct, frozen=True):
-    """True state of the episode in one slot, or the fault that prevented it."""
+    """True state of the episode in one slot, or the fault that prevented it.
+
+    Attributes:
+        ids: of each other vehicle; those that come and go are known again by it.
+        signals: values of the signals of the welcome, by name.
+        account: what the planner believed in the step just taken.
+        path: where it means to drive, the present position first. [m]
+        kinds: what each other vehicle is, in their order.
+        road: borders of the lanes, each a list of points; of the start alone. [m]
+    """
 
     step: Count | None = None
     ego: Vehicle | None = None
@@ -258,23 +223,6 @@ class SlotObservation(msgspec.Struct, frozen=True):
     off_road: bool | None = None
     fault: Fault | None = None
     message: str = ""
-
-
-PlannerAccount = dict[bridges.Name, bool | Number | str]
-
-
-class DetailedObservation(SlotObservation, frozen=True):
-    """True state of the episode in one slot, in version 2.
-
-    Attributes:
-        ids: of each other vehicle; those that come and go are known again by it.
-        signals: values of the signals of the welcome, by name.
-        account: what the planner believed in the step just taken.
-        path: where it means to drive, the present position first. [m]
-        kinds: what each other vehicle is, in their order.
-        road: borders of the lanes, each a list of points; of the start alone. [m]
-    """
-
     ids: Annotated[tuple[int | bridges.Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
     signals: Annotated[dict[bridges.Name, Number], Meta(max_length=MAX_SIGNALS)] | None = None
     account: PlannerAccount | str | None = None
@@ -316,22 +264,10 @@ Request = BridgeHello | ResetRequest | StepRequest | CloseRequest
 Answer = BridgeWelcome | BridgeRefusal | Observations | Closed | BridgeError
 
 
-class AnnouncedProtocol(msgspec.Struct, frozen=True):
-    """Version that an answer to a hello announces."""
-
-    protocol: int = PROTOCOL
-
-
 _encoder = msgspec.msgpack.Encoder()
-_protocol_decoder = msgspec.msgpack.Decoder(AnnouncedProtocol)
-_slot_decoder = msgspec.msgpack.Decoder(DetailedObservation)
-_decoders: Mapping[int, msgspec.msgpack.Decoder[Any]] = MappingProxyType(
-    {
-        PROTOCOL: msgspec.msgpack.Decoder(Answer),
-        CHANNEL_PROTOCOL: msgspec.msgpack.Decoder(
-            ChannelWelcome | BridgeRefusal | RawObservations | Closed | BridgeError
-        ),
-    }
+_slot_decoder = msgspec.msgpack.Decoder(SlotObservation)
+_answer_decoder = msgspec.msgpack.Decoder(
+    BridgeWelcome | BridgeRefusal | RawObservations | Closed | BridgeError
 )
 _UNREADABLE = msgspec.DecodeError, UnicodeDecodeError, RecursionError
 
@@ -348,18 +284,14 @@ def encode(message: BridgeMessage) -> bytes:
     return _encoder.encode(message)
 
 
-def read_answer(data: bytes, protocol: int = PROTOCOL) -> Answer:
+def read_answer(data: bytes) -> Answer:
     """Return the answer of a bridge that some bytes hold.
-
-    Args:
-        data: the bytes.
-        protocol: version of the protocol that was agreed on.
 
     Raises:
         SimulatorError: the bytes do not follow the protocol.
     """
     try:
-        answer = _decoders[protocol].decode(data)
+        answer = _answer_decoder.decode(data)
     except _UNREADABLE as error:
         raise _make_unreadable(error) from None
     # Slot by slot: an observation that cannot be read is the fault of its own episode alone.
@@ -369,33 +301,19 @@ def read_answer(data: bytes, protocol: int = PROTOCOL) -> Answer:
     return found
 
 
-def read_hello_answer(data: bytes) -> Answer:
-    """Return the answer to a hello, in the version of the protocol that it announces.
-
-    Raises:
-        SimulatorError: the bytes do not follow the protocol.
-    """
-    try:
-        # Read first and alone: the other fields of an answer depend on it.
-        protocol = _protocol_decoder.decode(data).protocol
-    except _UNREADABLE as error:
-        raise _make_unreadable(error) from None
-    return read_answer(data, protocol if protocol in PROTOCOLS else PROTOCOL)
-
-
-def _read_slot(data: msgspec.Raw) -> DetailedObservation:
+def _read_slot(data: msgspec.Raw) -> SlotObservation:
     """Return an observation; one that cannot be read is a fault of the simulator."""
     try:
         seen = _slot_decoder.decode(data)
     except _UNREADABLE as error:
-        return DetailedObservation(fault="simulator", message=_make_unreadable(error).problem)
+        return SlotObservation(fault="simulator", message=_make_unreadable(error).problem)
     # The first excess is enough: the observation is refused as a whole.
     for excess in _list_excesses(seen):
-        return DetailedObservation(fault="simulator", message=excess)
+        return SlotObservation(fault="simulator", message=excess)
     return seen
 
 
-def _list_excesses(seen: DetailedObservation) -> Iterator[str]:
+def _list_excesses(seen: SlotObservation) -> Iterator[str]:
     """Yield the parts of an observation that are too long, in sentences."""
     size = 0 if seen.account is None else len(_encoder.encode(seen.account))
     if size > MAX_ACCOUNT_BYTES:

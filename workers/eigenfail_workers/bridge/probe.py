@@ -71,7 +71,7 @@ class BridgeProbe:
         is_due = self._is_connected and not self._is_asked
         if is_due and may_ask and time.monotonic() >= self._next_ask_s:
             self._is_asked, self._session = True, uuid4().hex
-            self._send(messages.BridgeHello(messages.PROTOCOL, self._session, messages.PROTOCOLS))
+            self._send(messages.BridgeHello(messages.PROTOCOL, self._session))
         return self.offer != before
 
     def close(self) -> None:
@@ -89,16 +89,15 @@ class BridgeProbe:
         if not self._is_asked or self.offer is not None:
             return
         try:
-            answer = messages.read_hello_answer(data)
+            answer = messages.read_answer(data)
         except EpisodeError:
             return
         if isinstance(answer, messages.BridgeRefusal) and answer.full:
             self._is_asked, self._next_ask_s = False, time.monotonic() + ASK_AGAIN_S
         if isinstance(answer, messages.BridgeWelcome):
             self._send(messages.CloseRequest(self._session, 1))
-            self.offer = (
-                _bound_offer(answer.offer) if answer.protocol in messages.PROTOCOLS else None
-            )
+            if answer.protocol == messages.PROTOCOL:
+                self.offer = _bound_offer(answer.offer)
 
     def _send(self, request: messages.BridgeMessage) -> None:
         with contextlib.suppress(zmq.ZMQError):  # it has disconnected, which an event will say
