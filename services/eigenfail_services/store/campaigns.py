@@ -3,7 +3,7 @@
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from msgspec.structs import replace
@@ -49,10 +49,17 @@ from eigenfail_services.store.lifecycle import (
     set_archived,
     set_priority,
 )
-from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
+from eigenfail_services.store.listing import (
+    contains_text,
+    filter_campaigns,
+    iterate_items,
+    sort_campaigns,
+)
 from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
+
+CAMPAIGNS_AT_A_TIME = 200
 
 
 class CampaignStore(StorePart):
@@ -185,6 +192,10 @@ class CampaignStore(StorePart):
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
+
+    def iterate(self, where: CampaignFilter = ANY_CAMPAIGN) -> Iterator[Campaign]:
+        """Yield the campaigns that match a filter, newest first; no transaction stays open."""
+        return iterate_items(lambda before: self.page(CAMPAIGNS_AT_A_TIME, before, where))
 
     def count(self, where: CampaignFilter = ANY_CAMPAIGN) -> int:
         """Return the number of campaigns that match a filter."""

@@ -43,6 +43,7 @@ from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.listing import (
     Expression,
     count_episodes,
+    iterate_items,
     page_queries,
     preceding_queries,
     select_column,
@@ -64,6 +65,8 @@ from eigenfail_services.store.totals import (
     read_trials,
     sample_severities,
 )
+
+ROWS_AT_A_TIME = 1_000
 
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
@@ -280,6 +283,10 @@ class EpisodeStore(StorePart):
                     break
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
+
+    def iterate(self, campaign: int) -> Iterator[records.EpisodeRow]:
+        """Yield the finished episodes of a campaign by index; no transaction stays open."""
+        return iterate_items(lambda after: self.page(campaign, ROWS_AT_A_TIME, after))
 
     def count(self, campaign: int, where: filters.Conditions = ()) -> int:
         """Return the number of finished episodes that fulfil all conditions."""

@@ -111,8 +111,12 @@ def verify(url: str, replay: Replay = 0) -> CommandResult:
     from eigenfail_services.upkeep import verify as verification
 
     found = verification.verify(url, replay)
-    document = (_tabulate_checks(found.checks), *_list_defects(found))
-    return CommandResult(found, *document, exit_code=DEFECTS_FOUND if found.defects else 0)
+    return CommandResult(
+        found,
+        _tabulate_checks(found.checks),
+        *_list_defects(found),
+        exit_code=DEFECTS_FOUND if found.defects else 0,
+    )
 
 
 @app.command()
