@@ -26,7 +26,7 @@ from eigenfail.values.shapes import Correlated
 from eigenfail.worlds import list_simulators, world_of
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.campaigns.summary import summarise
+from eigenfail_services.campaigns.summary import find_summary
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store import open_store
 from eigenfail_workers.engines import make_engine
@@ -103,7 +103,7 @@ def test_what_a_function_has_not_reads_as_a_dash(spec, results):
     campaign = store.campaigns.create(spec).id
     store.campaigns.move(campaign, "running")
     store.episodes.commit(campaign, [Delivery(result, "by hand") for result in results])
-    summary = summarise(store.campaigns.get(campaign), store.episodes.totals(campaign))
+    summary = find_summary(store, store.campaigns.get(campaign))
     assert summary.mean_severity is None
     assert summary.failure_rate.k == summary.conflicts.unclassified > 50
     app = create_app(store, ApiSettings())

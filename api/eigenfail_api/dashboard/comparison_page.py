@@ -20,7 +20,6 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import transpose
 from eigenfail.values.campaign import Campaign, CampaignFilter
-from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.comparison import Comparison, Side
 from eigenfail.values.summary import CampaignCost
 from eigenfail_api.dashboard.charts import spread
@@ -30,16 +29,11 @@ from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
 from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.costs import find_spending
-from eigenfail_services.campaigns.summary import find_course, summarise
+from eigenfail_services.campaigns.summary import find_course, summaries_of
 from eigenfail_services.comparison import comparability, sides
 from eigenfail_services.store import Store
 
 CampaignIds = Sequence[int]
-
-
-def describe_spec(spec: CampaignSpec) -> str:
-    """Return the method, planner, scenario and seed of a campaign, for lists of equal names."""
-    return f"{spec.method}, {spec.planner} in {spec.scenario}, seed {spec.seed}"
 
 
 def name_column(campaign: Campaign) -> str:
@@ -177,14 +171,13 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
         "wanted": wished.q,
         "limits": f"{sides.FEWEST} to {sides.MOST}",
         "chosen": chosen,
-        "describe": describe_spec,
         "is_enough": len(campaigns) >= sides.FEWEST,
     }
     if len(campaigns) < sides.FEWEST:
         return view
     groups = sides.group_by_seed(campaigns)
     settings = comparability.compare_settings(campaigns)
-    summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
+    summaries = summaries_of(store, campaigns)
     pair = [",".join(str(each.id) for each in group) for group in groups[:2]]
     return view | {
         "names": [name_column(each) for each in campaigns],
@@ -230,15 +223,9 @@ def make_curl(service: Service, a: str, b: str) -> str:
 
 def find_matching(store: Store, besides: Sequence[int], wanted: str) -> Iterator[Campaign]:
     """Yield the newest campaigns whose name contains the text, or whose id it is."""
-    before: int | None = None
-    for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):
-        listed = store.campaigns.page(100, before, CampaignFilter(archived=False))
-        # In Python: names are compared without regard to case in all alphabets, which SQLite
-        # cannot.
-        for each in listed.items:
-            is_named = wanted.lower() in each.spec.name.lower() or wanted == str(each.id)
-            if is_named and each.id not in besides:
-                yield each
-        before = listed.next
-        if before is None:
-            return
+    listed = store.campaigns.iterate(CampaignFilter(archived=False))
+    # In Python: names are compared without regard to case in all alphabets, which SQLite cannot.
+    for each in islice(listed, MAX_CAMPAIGNS_SEARCHED):
+        is_named = wanted.lower() in each.spec.name.lower() or wanted == str(each.id)
+        if is_named and each.id not in besides:
+            yield each

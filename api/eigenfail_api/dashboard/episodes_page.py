@@ -72,7 +72,7 @@ class EpisodeRequest(msgspec.Struct, frozen=True):
 
 
 class EpisodeLine(msgspec.Struct, frozen=True):
-    """An episode in a list, as text.
+    """An episode in a list, with what stands there as text.
 
     Attributes:
         address: page of the episode; it knows the list, so that it can lead to the next one.
@@ -80,31 +80,22 @@ class EpisodeLine(msgspec.Struct, frozen=True):
         cells: figures, as in `FIGURES`.
     """
 
-    campaign: int
-    index: int
+    row: EpisodeRow
     address: str
     badge: Badge
     conflict: str
     cells: tuple[str, ...]
-    has_scene: bool
 
 
 class Heading(msgspec.Struct, frozen=True):
     """The head of a column that a list can be sorted by.
 
     Attributes:
-        column: as in filters.
-        label: what stands there.
-        unit: unit, shown under the label.
-        is_minor: whether small screens do without it.
         address: the list, sorted by it.
         order: ascending or descending if it is sorted by it now; empty if not.
     """
 
-    column: str
-    label: str
-    unit: str
-    is_minor: bool
+    column: SortedColumn
     address: str
     order: str = ""
 
@@ -156,13 +147,11 @@ def may_grow(campaign: Campaign) -> bool:
 def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> EpisodeLine:
     """Return the line of an episode, in the list that was asked for."""
     return EpisodeLine(
-        campaign=row.campaign,
-        index=row.index,
+        row=row,
         address=make_episode_address(row.campaign, row.index, asked),
         badge=make_outcome_badge(row.outcome, is_unresolved=row.assessed.unresolved),
         conflict=describe_conflict(row),
         cells=tuple(format_cell(row, each.name) for each in FIGURES),
-        has_scene=row.has_scene,
     )
 
 
@@ -236,10 +225,7 @@ def make_heading(
     if offered == now:
         offered = filters.SortOrder(shown.name, not shown.largest_first)
     return Heading(
-        column=shown.name,
-        label=shown.label,
-        unit=shown.unit,
-        is_minor=shown.is_minor,
+        column=shown,
         address=find_address(offered),
         order=order(now) if now and now.column == shown.name else "",
     )

@@ -1,7 +1,7 @@
 """The pages of gates: their results as a list, and the report of one."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -10,9 +10,8 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.gate.report import MemberReport, list_notes
 from eigenfail.gate.results import GateResult, format_command
-from eigenfail.gate.verdicts import GateVerdict
+from eigenfail.gate.verdicts import GateVerdict, join_counts
 from eigenfail.methods import traits_of
-from eigenfail.presentation.figures import format_count
 from eigenfail_api.dashboard.rendering import Badge, make_pager, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_api.routes.versions import GateId
@@ -91,11 +90,6 @@ def link_pair(text: str, address: str, place: str) -> PageLink:
         if match
         else PageLink(place)
     )
-
-
-def join_counts(counts: Mapping[GateVerdict, int]) -> str:
-    """Return numbers of failing episodes by verdict as text."""
-    return ", ".join(f"{format_count(count)} {verdict}" for verdict, count in counts.items())
 
 
 @router.get("/gates")

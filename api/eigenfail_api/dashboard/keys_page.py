@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from markupsafe import Markup
 
 from eigenfail.errors import Unauthorized
-from eigenfail.values.access import ApiKey, Quotas, Scope, Usage
+from eigenfail.values.access import KeyState, Quotas, Scope, Usage
 from eigenfail_api.access import authentication
 from eigenfail_api.access.middleware import append_change, describe_change
 from eigenfail_api.dashboard.copying import format_curl, read_service
@@ -19,9 +19,11 @@ from eigenfail_api.parameters import Before, Stored, read_form
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 
-VALID = Badge("valid", "✓", "good")
-EXPIRED = Badge("expired", "○", "ended")
-REVOKED = Badge("revoked", "×", "ended")
+STATES = {
+    KeyState.VALID: Badge("valid", "✓", "good"),
+    KeyState.EXPIRED: Badge("expired", "○", "ended"),
+    KeyState.REVOKED: Badge("revoked", "×", "ended"),
+}
 
 LIMITS = {
     "max_open": "Max. open campaigns",
@@ -38,14 +40,6 @@ def list_quotas(given: Quotas, usage: Usage) -> Iterator[str]:
         yield f"{given.max_episodes:,} episodes per campaign"
     if given.max_episodes_per_day is not None:
         yield f"{usage.episodes_of_day:,} of {given.max_episodes_per_day:,} episodes in 24 h"
-
-
-def make_badge(key: ApiKey, at_ms: int) -> Badge:
-    """Return the badge that says whether a key is valid, and why not."""
-    if key.is_valid(at_ms):
-        return VALID
-    # A key that was revoked may have expired since.
-    return REVOKED if key.revoked_ms else EXPIRED
 
 
 TheAuthenticator = Annotated[authentication.Authenticator, Depends(authentication.authenticator_of)]
@@ -69,7 +63,7 @@ def show_keys(
     body = {"name": "ci", "scope": "runner"}
     return page(
         "keys.html",
-        [(key, make_badge(key, at_ms), quotas[key.id]) for key in listed.items],
+        [(key, STATES[key.find_state(at_ms)], quotas[key.id]) for key in listed.items],
         pages=make_pager("/keys", before, listed.next),
         is_locked=authenticator.requires_keys(),
         limits=LIMITS,

@@ -5,11 +5,10 @@ from functools import partial
 from typing import Annotated, Literal, NamedTuple
 from urllib.parse import urlencode
 
-import msgspec
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail.filters import NEWEST_FIRST, SortOrder, parse_campaign_sort
+from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
 from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
@@ -56,70 +55,71 @@ LABELS = {
 FILTERS = ("state", "method", "search", *LABELS)
 
 
-class Wanted(msgspec.Struct, frozen=True):
-    """The filter and order of the list; None is no condition, but replays are left out.
+# A form sends empty fields, too.
+State = Annotated[CampaignState | Literal[""], Query()]
+Words = Annotated[str, Query(max_length=200)]
+Archived = Annotated[bool, Query()]
+
+Sort = Annotated[str, Query(max_length=64)]
+
+
+class Wanted(NamedTuple):
+    """The filter and order of the list, as in its address; an empty text is no condition.
 
     Attributes:
-        method: None leaves out replays, which find nothing new.
-        sort: their order.
-        archived: whether archived campaigns are listed, too.
+        method: an empty text leaves out replays, which find nothing new.
+        sort: their order, as text.
         project, tag, planner_version, suite: as campaigns state them; only addresses have them.
+        archived: whether archived campaigns are listed, too.
     """
 
-    state: CampaignState | None = None
-    method: str | None = None
-    search: str | None = None
-    before: int | None = None
-    sort: SortOrder = NEWEST_FIRST
-    archived: bool = False
-    project: str | None = None
-    tag: str | None = None
-    planner_version: str | None = None
-    suite: str | None = None
+    state: State = ""
+    method: Words = ""
+    search: Words = ""
+    before: Before = None
+    sort: Sort = str(NEWEST_FIRST)
+    project: Words = ""
+    tag: Words = ""
+    planner_version: Words = ""
+    suite: Words = ""
+    archived: Archived = False
 
     def address(self, **changes: object) -> str:
         """Return the address of this page, or of one with changes."""
-        query = self.query(**changes)
-        return f"/?{urlencode(query)}" if query else "/"
-
-    def query(self, **changes: object) -> dict[str, str]:
-        """Return the query parameters of the address of this page, or of one with changes."""
-        given = msgspec.structs.asdict(self) | changes
-        query = {name: str(value) for name, value in given.items() if value is not None}
-        if given["sort"] == NEWEST_FIRST:
-            del query["sort"]
-        # An address without the word lists what is not archived.
-        del query["archived"]
+        given = self._asdict() | changes
+        # What is usual is left out: an address without an order lists the newest first.
+        if given["sort"] == str(NEWEST_FIRST):
+            del given["sort"]
         if given["archived"]:
-            query["archived"] = "true"
-        return query
+            given["archived"] = "true"
+        query = {name: str(value) for name, value in given.items() if value}
+        return f"/?{urlencode(query)}" if query else "/"
 
     @property
     def unfiltered(self) -> str:
         """Return the address of all campaigns, in the same order."""
-        return self.address(**dict.fromkeys(FILTERS), before=None)
+        return self.address(**dict.fromkeys(FILTERS, ""), before=None)
 
     @property
     def labels(self) -> tuple[tuple[str, str, str], ...]:
         """Return parameter, words and value of each filter that the form does not have."""
         named = ((name, words, getattr(self, name)) for name, words in LABELS.items())
-        return tuple(each for each in named if each[2] is not None)
+        return tuple(each for each in named if each[2])
 
     @property
     def where(self) -> CampaignFilter:
         """Return the wanted campaigns as a filter of the store."""
+        conditions = {name: getattr(self, name) or None for name in FILTERS}
         # Who asks for replays by name gets them.
         besides = None if self.method else cost_charts.REPLAY
-        only = None if self.archived else False
-        labels = {name: getattr(self, name) for name in LABELS}
         return CampaignFilter(
-            self.method, self.search, besides, self.state, archived=only, **labels
+            **conditions, besides=besides, archived=None if self.archived else False
         )
 
     @property
     def is_filtered(self) -> bool:
         """Return whether a filter is set."""
-        return any(getattr(self, name) is not None for name in FILTERS)
+        return any(getattr(self, name) for name in FILTERS)
 
 
 COLUMNS = (
@@ -135,8 +135,9 @@ COLUMNS = (
 
 def make_campaign_headings(wanted: Wanted) -> tuple[Heading, ...]:
     """Return the heads of the columns that sort the list; the present one links to its reverse."""
+    now = parse_campaign_sort(wanted.sort)
     return tuple(
-        make_heading(each, wanted.sort, lambda sort: wanted.address(before=None, sort=sort))
+        make_heading(each, now, lambda sort: wanted.address(before=None, sort=str(sort)))
         for each in COLUMNS
     )
 
@@ -153,7 +154,7 @@ def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
         return None
     among = "matches among " if wanted.is_filtered else ""
     words = f"{among}{count_noun(count, 'replay')}"
-    return words, msgspec.structs.replace(wanted, method=cost_charts.REPLAY, before=None).address()
+    return words, wanted.address(method=cost_charts.REPLAY, before=None)
 
 
 def make_tiles(
@@ -176,47 +177,15 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 CAMPAIGNS_ON_A_PAGE = 50
 
-# A form sends empty fields, too.
-State = Annotated[CampaignState | Literal[""], Query()]
-Words = Annotated[str, Query(max_length=200)]
-Archived = Annotated[bool, Query()]
-
-Sort = Annotated[str, Query(max_length=64)]
-
-
-class FormFilters(NamedTuple):
-    """The filters of the form, as in the address; an empty text is no condition."""
-
-    state: State = ""
-    method: Words = ""
-    search: Words = ""
-    archived: Archived = False
-
-
-class LabelFilters(NamedTuple):
-    """The filters that only addresses have; an empty text is no condition."""
-
-    project: Words = ""
-    tag: Words = ""
-    planner_version: Words = ""
-    suite: Words = ""
-
 
 @router.get("/")
-def show_overview(
-    store: Stored,
-    named: Annotated[FormFilters, Depends()],
-    labels: Annotated[LabelFilters, Depends()],
-    before: Before = None,
-    sort: Sort = str(NEWEST_FIRST),
-) -> HTMLResponse:
+def show_overview(store: Stored, asked: Annotated[Wanted, Depends()]) -> HTMLResponse:
     """Show campaigns in an order, by default newest first."""
-    texts = {**named._asdict(), **labels._asdict(), "search": named.search.strip()}
-    given = {name: value for name, value in texts.items() if value}
-    wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **given)
+    order = parse_campaign_sort(asked.sort)
+    wanted = asked._replace(search=asked.search.strip(), sort=str(order))
     # The feed goes on behind this event: it is read first, so that no event falls between.
     latest, pools = store.events.last(), store.figures.pools()
-    found = store.campaigns.page(CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.where, wanted.sort)
+    found = store.campaigns.page(CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.where, order)
     summaries = summaries_of(store, found.items)
     replays = sum(pool.campaigns for pool in pools if pool.method == cost_charts.REPLAY)
     here, stranded = count_present(store), list_unrunnable(store)

@@ -332,8 +332,7 @@ def prioritise_campaign(
 @router.get("/{campaign}/summary", **document_route(Summary))
 def get_summary(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get failures, failure rate, likelihood and cost of a campaign so far."""
-    seen = store.campaigns.get(campaign)
-    return parameters.Json(summary.summarise(seen, store.episodes.totals(campaign)))
+    return parameters.Json(summary.find_summary(store, store.campaigns.get(campaign)))
 
 
 @router.get("/{campaign}/course", **document_route(Course))

@@ -16,7 +16,6 @@ from eigenfail.files import read_toml, write_new
 from eigenfail.hosting.service import require_installed
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
-from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.suites import LIKE_MODEL, read_disturbance
 from eigenfail.values.channels import EGO, GHOST, Channel, split_name
@@ -127,7 +126,7 @@ def fit(
         from eigenfail_noise_fit.pictures import draw_fit
 
         blocks.append(_write_pictures(draw_fit(fitted), pictures))
-    show(report, as_json, lambda: render(*blocks))
+    show(report, as_json, *blocks)
 
 
 @app.command(name="show")
@@ -144,7 +143,7 @@ def show_model(file: ModelFile, pictures: Pictures = None, as_json: AsJson = Fal
         from eigenfail_noise_fit.pictures import draw_model
 
         blocks.append(_write_pictures(draw_model(model), pictures))
-    show(model, as_json, lambda: render(*blocks))
+    show(model, as_json, *blocks)
 
 
 @app.command(name="import")
@@ -181,7 +180,7 @@ def import_model(  # noqa: PLR0913, PLR0917 - typer makes an option of each argu
     ]
     if output is not None:
         blocks.append(f"Written to {output}.")
-    show(imported._asdict(), as_json, lambda: render(*blocks))
+    show(imported._asdict(), as_json, *blocks)
 
 
 def _refuse_existing(option: str, path: Path | None) -> None:

@@ -44,4 +44,4 @@ def report(  # noqa: PLR0913, PLR0917 - typer makes an option of each argument
     """
     with connect_to(context, url) as client, announce("Writing the report"):
         made = write_report(client, campaigns, output, force=force)
-    show(made, as_json, lambda: f"The report is in {output / 'report.html'}.")
+    show(made, as_json, f"The report is in {output / 'report.html'}.")

@@ -6,10 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Group, RenderableType
-from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
 
 from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.options import AsJson, Data, Workers
@@ -18,7 +14,7 @@ from eigenfail.client import Client
 from eigenfail.files import check_output_folder, write_folder
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation.tables import Block, Table, count_columns, name_columns
 from eigenfail.progress import announce
 from eigenfail.suites import Suite
 from eigenfail_reproduction import page
@@ -28,37 +24,30 @@ from eigenfail_reproduction.report import FILE, fetch_report
 from eigenfail_reproduction.statements import build_reproduction
 
 
-def draw_reproduction(found: PaperReproduction) -> Group:
-    """Every table, then what the paper says of them."""
-    return Group(*_draw_parts(found))
-
-
-def _draw_parts(found: PaperReproduction) -> Iterator[RenderableType]:
-    """The parts of the page."""
+def describe_reproduction(found: PaperReproduction) -> Iterator[Block]:
+    """Yield every table, then what the paper says of them."""
     for each in found.tables:
-        yield Text(f"\n{each.title}", style="bold")
-        yield _draw_table(each)
-        if each.note:
-            yield Text(each.note)
-    yield Text("\nWhat the paper says", style="bold")
+        yield f"\n{each.title}"
+        yield _tabulate(each)
+    yield "\nWhat the paper says"
     for statement in found.statements:
-        yield Text(
+        yield (
             f"{page.format_verdict(statement)}: {statement.paper}\n  Holds if: {statement.rule}\n"
             f"  {statement.figures}"
         )
 
 
-def _draw_table(of: PaperTable) -> Table:
+def _tabulate(of: PaperTable) -> Table:
     """Our numbers, and the paper's in brackets behind them."""
-    titles = [page.format_heading(column) for column in of.columns]
-    drawn = start_grid("", *titles, right=titles)
+    rows = []
     for row in of.rows:
         numbers = zip(of.columns, row.numbers, strict=True)
         cells = (
             f"{page.format_our_number(c, n)}{page.format_paper_number(c, n)}" for c, n in numbers
         )
-        drawn.add_row(escape(row.name), *map(escape, cells))
-    return drawn
+        rows.append((row.name, *cells))
+    columns = (*name_columns(""), *count_columns(*map(page.format_heading, of.columns)))
+    return Table(of.title, columns, tuple(rows), (of.note,) if of.note else ())
 
 
 app = typer.Typer(add_completion=False)
@@ -140,7 +129,7 @@ def reproduce(  # noqa: PLR0913, PLR0917 - typer makes an option of each argumen
                 begin("Writing the report")
                 files = fetch_report(client, _list_reported_campaigns(client, suite))
                 write_folder(files | page.list_files(found), output)
-    show(found, as_json, lambda: draw_reproduction(found))
+    show(found, as_json, *describe_reproduction(found))
 
 
 def _list_reported_campaigns(client: Client, suite: Suite) -> list[int]:

@@ -1,12 +1,9 @@
 """`eigenfail webhook`: add, list, test and remove webhooks, to which events are sent."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated
 
 import typer
-from rich.console import Group
-from rich.markup import escape
-from rich.table import Table
 
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
@@ -14,8 +11,9 @@ from eigenfail.cli.render import show, to_json
 from eigenfail.client.link import wait_until
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
-from eigenfail.presentation.figures import UNKNOWN, format_utc
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
+from eigenfail.presentation.campaigns import ID
+from eigenfail.presentation.figures import format_utc
 from eigenfail_webhooks import values
 from eigenfail_webhooks.client import Webhooks
 
@@ -61,7 +59,7 @@ def list_webhooks(context: typer.Context, url: Url = DEFAULT_URL, as_json: AsJso
     """List webhooks with their last deliveries, newest first, without their secrets."""
     with connect_to(context, url) as client:
         found = tuple(Webhooks(client).list())
-    show(found, as_json, lambda: _draw_webhooks(found))
+    show(found, as_json, *_describe_webhooks(found))
 
 
 @app.command()
@@ -90,7 +88,7 @@ def send_test(
             return next((each for each in found if each.id == queued.id), queued)
 
         found = wait_until(look, _is_attempted, POLL_S, WAIT_S)
-    show(found, as_json, lambda: _draw_deliveries([(webhook, found)]))
+    show(found, as_json, _tabulate_deliveries([(webhook, found)]))
     if found.state is not values.DeliveryState.DELIVERED:
         raise ServiceError(
             f"The test event was not delivered. {found.problem}",
@@ -111,31 +109,40 @@ def _describe_new_webhook(made: values.NewWebhook) -> str:
     )
 
 
-def _draw_webhooks(found: Sequence[values.Webhook]) -> Group:
+def _describe_webhooks(found: Sequence[values.Webhook]) -> Iterator[tables.Table]:
     """A row for each webhook, and below one for each of the last deliveries; times in UTC."""
-    grid = start_grid("id", "url", "events", "state", "created", right=("id",))
-    for webhook in found:
-        state = "active" if webhook.active else "inactive"
-        cells = (webhook.url, ", ".join(webhook.events), state, format_utc(webhook.created_ms))
-        grid.add_row(str(webhook.id), *map(escape, cells))
-    sent = [(webhook.id, each) for webhook in found for each in webhook.deliveries]
-    return Group(grid, _draw_deliveries(sent)) if sent else Group(grid)
+    yield tables.tabulate(
+        "Webhooks",
+        found,
+        tables.Reading(ID, lambda webhook: str(webhook.id)),
+        tables.read_text("Url", "url"),
+        tables.read_text("Events", lambda webhook: ", ".join(webhook.events)),
+        tables.read_text("State", lambda webhook: "active" if webhook.active else "inactive"),
+        tables.read_utc("Created", "created_ms"),
+    )
+    if sent := [(webhook.id, each) for webhook in found for each in webhook.deliveries]:
+        yield _tabulate_deliveries(sent)
 
 
-def _draw_deliveries(found: Iterable[tuple[int, values.WebhookDelivery]]) -> Table:
+def _tabulate_deliveries(found: Iterable[tuple[int, values.WebhookDelivery]]) -> tables.Table:
     """A row for each delivery of a webhook, given by its id."""
-    names = ("webhook", "event", "when", "state", "attempts", "status", "next attempt", "error")
-    grid = start_grid(*names, right=("webhook", "attempts", "status"))
-    for webhook, each in found:
-        is_pending = each.state is values.DeliveryState.PENDING
-        cells = (
+    columns = (
+        *tables.count_columns("Webhook"),
+        *tables.name_columns("Event", "When", "State"),
+        *tables.count_columns("Attempts", "Status"),
+        *tables.name_columns("Next attempt", "Error"),
+    )
+    rows = (
+        (
+            str(webhook),
             each.kind,
             format_utc(each.created_ms),
             each.state,
-            str(each.attempts),
-            UNKNOWN if each.status is None else str(each.status),
-            format_utc(each.next_ms) if is_pending else UNKNOWN,
-            each.problem or UNKNOWN,
+            each.attempts,
+            each.status,
+            format_utc(each.next_ms) if each.state is values.DeliveryState.PENDING else None,
+            each.problem or None,
         )
-        grid.add_row(str(webhook), *map(escape, cells))
-    return grid
+        for webhook, each in found
+    )
+    return tables.Table("Deliveries", columns, tuple(rows))

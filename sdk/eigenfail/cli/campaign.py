@@ -36,7 +36,6 @@ from eigenfail.presentation.campaigns import (
     tabulate_results,
     tabulate_workers,
 )
-from eigenfail.presentation.terminal import render
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.safety import TAIL_LEVEL
@@ -99,7 +98,7 @@ def check(asked: SpecRequest, quiet: QuietCheck = False) -> CommandResult:
     exit_code = make_error(found.problems[0]).exit_code if found.problems else 0
     if quiet:
         raise typer.Exit(exit_code)
-    return CommandResult(found, lambda: describe_check(found), exit_code)
+    return CommandResult(found, describe_check(found), exit_code=exit_code)
 
 
 @app.command()
@@ -125,12 +124,12 @@ def clone(
 def _show_launched(campaign: Campaign, quiet: bool) -> CommandResult:
     """Return a campaign that was just launched, or its id alone, which is JSON, too."""
     if quiet:
-        return CommandResult(campaign.id, lambda: str(campaign.id))
+        return CommandResult(campaign.id, str(campaign.id))
     return _show_facts(campaign)
 
 
 def _show_facts(campaign: Campaign) -> CommandResult:
-    return CommandResult(campaign, lambda: render(list_campaign_facts(campaign)))
+    return CommandResult(campaign, list_campaign_facts(campaign))
 
 
 Act = Callable[[Campaigns, int], Campaign]
@@ -224,7 +223,7 @@ def list_campaigns(
         look=lambda: found.first(limit),
         campaigns=lambda seen: seen,
         to_data=lambda seen: seen,
-        draw=lambda seen: render(tabulate_campaigns(seen)),
+        describe=lambda seen: (tabulate_campaigns(seen),),
         watched=watched,
     )
 
@@ -239,7 +238,7 @@ def show_campaign(
         look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
         campaigns=lambda seen: seen[:1],
         to_data=lambda seen: seen[0],
-        draw=lambda seen: render(
+        describe=lambda seen: (
             *describe_campaign(*seen),
             *find_missing_workers(client, seen[0]),
             *describe_method_result(client, seen[0]),
@@ -258,7 +257,7 @@ def course(
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     found = client.campaigns.course(campaign, per)
     unit = find_robustness_unit(client.campaigns.get(campaign).spec)
-    return CommandResult(found, lambda: render(*tabulate_course(found, unit)))
+    return CommandResult(found, *tabulate_course(found, unit))
 
 
 for _name, (_act, _text) in ACTS.items():
@@ -284,7 +283,7 @@ def digest(client: Client, campaign: options.CampaignId) -> CommandResult:
     The same campaign has the same digest with the same release and kind of processor.
     """
     found = client.campaigns.digest(campaign)
-    return CommandResult({"campaign": campaign, "digest": found}, lambda: found)
+    return CommandResult({"campaign": campaign, "digest": found}, found)
 
 
 @app.command()
@@ -301,7 +300,7 @@ def watch(
         summary = client.campaigns.summary(campaign)
         words = describe_method_result(client, ended)
     # Printed before it is judged: a gate that fails ends the command.
-    show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
+    show(summary, as_json, tabulate_results([summary]), *words)
     judge(ended, gate, summary)
 
 
@@ -312,7 +311,7 @@ def safety(
 ) -> CommandResult:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
     found = client.campaigns.safety(campaign, level)
-    return CommandResult(found, lambda: render(*describe_safety(found)))
+    return CommandResult(found, *describe_safety(found))
 
 
 @app.command()
@@ -320,7 +319,7 @@ def safety(
 def region(client: Client, campaigns: VariedIds) -> CommandResult:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
     found = client.campaigns.region(campaigns)
-    return CommandResult(found, lambda: render(*describe_region(found)))
+    return CommandResult(found, *describe_region(found))
 
 
 @app.command()
@@ -331,7 +330,7 @@ def cost(client: Client, campaigns: Ids) -> CommandResult:
     A Monte Carlo campaign without a failure shows a lower bound of the cost per failure (95 %).
     """
     found = [client.campaigns.cost(campaign) for campaign in campaigns]
-    return CommandResult(found, lambda: render(*describe_costs(found)))
+    return CommandResult(found, *describe_costs(found))
 
 
 @app.command()
@@ -339,4 +338,4 @@ def cost(client: Client, campaigns: Ids) -> CommandResult:
 def workers(client: Client, campaign: options.CampaignId) -> CommandResult:
     """Show the workers that ran a campaign's episodes, with their number and speed."""
     found = client.campaigns.workers(campaign)
-    return CommandResult(found, lambda: render(tabulate_workers(found)))
+    return CommandResult(found, tabulate_workers(found))

@@ -10,7 +10,6 @@ from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue
 from eigenfail.presentation.campaigns import describe_comparison
-from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 
 app = typer.Typer(add_completion=False)
@@ -36,7 +35,7 @@ def compare(client: Client, a: SideIds, b: SideIds) -> CommandResult:
     sides = _parse_campaign_ids("A", a), _parse_campaign_ids("B", b)
     with announce("Comparing the campaigns"):
         found = client.campaigns.compare(*sides)
-    return CommandResult(found, lambda: render(*describe_comparison(found)))
+    return CommandResult(found, *describe_comparison(found))
 
 
 def _parse_campaign_ids(side: str, text: str) -> tuple[int, ...]:

@@ -1,7 +1,7 @@
 """`eigenfail doctor`: installed packages, services that answer, and missing parts."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, version
@@ -11,8 +11,6 @@ from typing import Annotated
 
 import msgspec
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from eigenfail import plugins
 from eigenfail.bridges import (
@@ -32,7 +30,7 @@ from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, S
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
 from eigenfail.methods import find_narrow_campaigns
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
 from eigenfail.progress import announce
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Verification
@@ -179,14 +177,22 @@ def check_database(database: str | None, replay: int) -> Iterator[Finding]:
         yield Finding(f"database: {check.name}", held, bool(check.defects))
 
 
-def _draw_findings(findings: list[Finding]) -> Table:
+def _tabulate_findings(findings: Iterable[Finding]) -> tables.Table:
     """Return the table of findings, with wrong ones marked."""
-    grid = start_grid("", "what", "found", "remedy")
-    for finding in findings:
-        mark = "wrong" if finding.wrong else ("-" if finding.remedy else "ok")
-        cells = (mark, finding.what, finding.found, finding.remedy)
-        grid.add_row(*(escape(cell) for cell in cells))
-    return grid
+    return tables.tabulate(
+        "Findings",
+        findings,
+        tables.read_text("", _mark_finding),
+        tables.read_text("What", "what"),
+        tables.read_text("Found", "found"),
+        tables.read_text("Remedy", "remedy"),
+    )
+
+
+def _mark_finding(finding: Finding) -> str:
+    if finding.wrong:
+        return "wrong"
+    return "-" if finding.remedy else "ok"
 
 
 TROUBLE = 3
@@ -284,7 +290,7 @@ def doctor(
         *check_service(context, url),
         *check_database(database, replay),
     ]
-    show(findings, as_json, lambda: _draw_findings(findings))
+    show(findings, as_json, _tabulate_findings(findings))
     if any(finding.wrong for finding in findings):
         raise typer.Exit(TROUBLE)
 
@@ -310,7 +316,7 @@ def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> 
 
 def _show_checks(checks: list[CheckResult], as_json: bool, exit_code: int) -> None:
     """Print checks, and end with an exit code if a contract is broken."""
-    show(checks, as_json, lambda: tabulate_checks(checks))
+    show(checks, as_json, tabulate_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(exit_code)
 
@@ -336,4 +342,4 @@ def _write_golden_messages(folder: Path, as_json: bool) -> None:
         (folder / f"{name}.msgpack").write_bytes(data)
         (folder / f"{name}.json").write_bytes(text + b"\n")
     said = f"Wrote {len(messages)} messages to {folder}, each as .msgpack and as .json."
-    show(sorted(messages), as_json, lambda: said)
+    show(sorted(messages), as_json, said)

@@ -1,5 +1,6 @@
 """`eigenfail episode`: list, show, export, replay, explain and shrink episodes."""
 
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +24,6 @@ from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation import episodes
 from eigenfail.presentation.tables import FactTable
-from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -69,7 +69,7 @@ def replay(client: Client, episode: options.EpisodeId) -> CommandResult:
         differing = _list_differences(client, spec, campaign, index)
         replayed = replace(replayed, differing=differing)
     facts = _list_replay_facts(episode, replayed)
-    return CommandResult(replayed, lambda: render(facts), 0 if replayed.same else DIFFERENT)
+    return CommandResult(replayed, facts, exit_code=0 if replayed.same else DIFFERENT)
 
 
 @prints_answer()
@@ -96,8 +96,8 @@ def explain(
     explanation = build_explanation(episode, spec.planner, replayed, explained, window)
     return CommandResult(
         explanation,
-        lambda: render(*episodes.describe_explanation(explanation, with_steps=with_steps)),
-        0 if replayed.same else DIFFERENT,
+        *episodes.describe_explanation(explanation, with_steps=with_steps),
+        exit_code=0 if replayed.same else DIFFERENT,
     )
 
 
@@ -111,7 +111,7 @@ def shrink(
         ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
         judge(ended, gate=False)
         found = client.campaigns.minimal(ended.id)
-    return CommandResult(found, lambda: render(*episodes.describe_minimal_failure(found)))
+    return CommandResult(found, *episodes.describe_minimal_failure(found))
 
 
 def _list_differences(
@@ -238,11 +238,9 @@ def list_episodes(
         picked = client.episodes.list(
             campaign, outcome, filter=conditions, sort=sort, fields=columns
         )
-        return first_rows(
-            picked, limit, lambda rows: render(episodes.tabulate_fields(columns, rows))
-        )
+        return first_rows(picked, limit, partial(episodes.tabulate_fields, columns))
     found = client.episodes.list(campaign, outcome, filter=conditions, sort=sort)
-    return first_rows(found, limit, lambda rows: render(episodes.tabulate_episodes(rows)))
+    return first_rows(found, limit, episodes.tabulate_episodes)
 
 
 @app.command()
@@ -309,7 +307,7 @@ def show_episode(client: Client, episode: options.EpisodeId) -> CommandResult:
     found, spec = client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
     facts = episodes.list_episode_facts(f"{campaign}/{found.index}", found, spec, drawn_here)
-    return CommandResult(found, lambda: render(facts))
+    return CommandResult(found, facts)
 
 
 for page in (replay, explain, shrink):
@@ -363,4 +361,4 @@ def list_failures(
         sort=sort,
         archived=archived,
     )
-    return first_rows(found, limit, lambda rows: render(episodes.tabulate_failures(rows)))
+    return first_rows(found, limit, episodes.tabulate_failures)

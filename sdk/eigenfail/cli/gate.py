@@ -1,7 +1,7 @@
 """`eigenfail gate`: new, fixed and remaining failures of another version of a planner."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from hashlib import sha256
 from importlib.metadata import distributions
@@ -10,10 +10,6 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-from rich.console import Group
-from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
 from typer.core import TyperGroup
 
 from eigenfail.cli.answers import prints_answer
@@ -32,13 +28,13 @@ from eigenfail.gate.report import (
     list_conclusions,
     to_junit,
 )
-from eigenfail.gate.reruns import GateFinding, JudgedBy
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun
 from eigenfail.gate.results import GateSummary
-from eigenfail.gate.verdicts import CLOSING, GateVerdict
+from eigenfail.gate.verdicts import CLOSING, GateVerdict, join_counts
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
-from eigenfail.presentation.figures import UNKNOWN, format_utc
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
+from eigenfail.presentation.campaigns import ID
 from eigenfail.suites import Suite
 from eigenfail.versions import LENGTH, list_packages, read_package_files
 
@@ -114,11 +110,14 @@ SHOWN = 5
 """How many failures of each member that close the gate are printed; --json and JUnit have more."""
 
 
-def draw_report(report: GateReport) -> Group:
-    """Return the tables of a report, and its conclusions in sentences."""
-    drawn = [draw(report) for draw in (_draw_known, _draw_reruns, _draw_findings)]
-    spaced = [part for table in drawn if table.row_count for part in (table, Text())]
-    return Group(*spaced, *map(Text, (*list_conclusions(report), *_point_to_releases(report))))
+def describe_report(report: GateReport) -> Iterator[tables.Block]:
+    """Yield the tables of a report, and its conclusions in sentences."""
+    for tabulate in (_tabulate_known, _tabulate_reruns, _tabulate_findings):
+        table = tabulate(report)
+        if table.rows:
+            yield from (table, "")
+    yield from list_conclusions(report)
+    yield from _point_to_releases(report)
 
 
 def _point_to_releases(report: GateReport) -> Iterator[str]:
@@ -129,34 +128,39 @@ def _point_to_releases(report: GateReport) -> Iterator[str]:
         yield f"Failure modes over all versions, once they are analysed: {commands}."
 
 
-def _draw_known(report: GateReport) -> Table:
+def _tabulate_known(report: GateReport) -> tables.Table:
     """The known failures of the baseline, one a row."""
-    grid = start_grid("member", "known failure", "now", "replay")
-    for member in report.members:
-        for known in member.known:
-            cells = (member.member, known.what, known.verdict, known.replay or UNKNOWN)
-            grid.add_row(*map(escape, cells))
-    return grid
+    columns = tables.name_columns("Member", "Known failure", "Now", "Replay")
+    rows = (
+        (member.member, known.what, known.verdict, known.replay or None)
+        for member in report.members
+        for known in member.known
+    )
+    return tables.Table("Known failures", columns, tuple(rows))
 
 
-def _draw_reruns(report: GateReport) -> Table:
+def _tabulate_reruns(report: GateReport) -> tables.Table:
     """The campaigns that were run again: failures before and now, what became of them, and why."""
-    counted = ("baseline", "failures", "rerun", "failures now", "new", "fixed", "still failing")
-    grid = start_grid("member", *counted, "verdict", "because", right=counted)
-    for member in report.members:
-        if (rerun := member.rerun) is None:
-            continue
-        sides = (
-            text
-            for side in (rerun.before, rerun.now)
-            for text in (str(side.campaign), f"{side.failures}/{side.completed}")
-        )
-        nothing = UNKNOWN if rerun.unpaired_because else "0"
-        verdicts = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
-        counts = (str(rerun.counts.get(each, nothing)) for each in verdicts)
-        cells = (member.member, *sides, *counts, rerun.verdict, rerun.summary)
-        grid.add_row(*map(escape, cells))
-    return grid
+    columns = (
+        *tables.name_columns("Member"),
+        *tables.count_columns("Baseline", "Failures", "Rerun", "Failures now"),
+        *tables.count_columns("New", "Fixed", "Still failing"),
+        *tables.name_columns("Verdict", "Because"),
+    )
+    rows = (_list_rerun_row(each.member, each.rerun) for each in report.members if each.rerun)
+    return tables.Table("Reruns", columns, tuple(rows))
+
+
+def _list_rerun_row(member: str, rerun: Rerun) -> tuple[tables.Cell, ...]:
+    sides = (
+        text
+        for side in (rerun.before, rerun.now)
+        for text in (str(side.campaign), f"{side.failures}/{side.completed}")
+    )
+    nothing = None if rerun.unpaired_because else 0
+    verdicts = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
+    counts = (rerun.counts.get(each, nothing) for each in verdicts)
+    return (member, *sides, *counts, rerun.verdict, rerun.summary)
 
 
 def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
@@ -170,25 +174,29 @@ def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
         yield from ((member.member, each) for each in closing[:SHOWN])
 
 
-def _draw_findings(report: GateReport) -> Table:
+def _tabulate_findings(report: GateReport) -> tables.Table:
     """Episodes to look at, one a row."""
-    grid = start_grid("look at", "episode", "verdict", "replay", "page")
-    for member, found in _list_findings(report):
-        seen = (found.replay or found.problem, found.link)
-        cells = (member, found.what, found.verdict, *seen)
-        grid.add_row(*(escape(cell) for cell in cells))
-    return grid
+    columns = tables.name_columns("Look at", "Episode", "Verdict", "Replay", "Page")
+    rows = (
+        (member, found.what, found.verdict, found.replay or found.problem, found.link)
+        for member, found in _list_findings(report)
+    )
+    return tables.Table("Episodes to look at", columns, tuple(rows))
 
 
-def draw_summaries(found: Sequence[GateSummary]) -> Table:
-    """Results of gates, one a row; times in UTC."""
-    grid = start_grid("id", "suite", "version", "baseline", "verdict", "counts", "created")
-    for each in found:
-        counts = ", ".join(f"{count} {verdict}" for verdict, count in each.counts.items())
-        cells = (each.suite, each.version, each.baseline or UNKNOWN, each.verdict)
-        more = (counts or "none", format_utc(each.created_ms))
-        grid.add_row(str(each.id), *map(escape, (*cells, *more)))
-    return grid
+def tabulate_summaries(found: Iterable[GateSummary]) -> tables.Table:
+    """Return the results of gates, one a row."""
+    return tables.tabulate(
+        "Gates",
+        found,
+        tables.Reading(ID, lambda each: str(each.id)),
+        tables.read_text("Suite", "suite"),
+        tables.read_text("Version", "version"),
+        tables.read_text("Baseline", lambda each: each.baseline or None),
+        tables.read_text("Verdict", "verdict"),
+        tables.read_text("Counts", lambda each: join_counts(each.counts) or "none"),
+        tables.read_utc("Created", "created_ms"),
+    )
 
 
 EXIT_CLOSED = 1
@@ -295,7 +303,7 @@ def run_gate(
         _record_verdict(client, report)
     if junit:
         _write_junit(junit, to_junit(report))
-    show(report, as_json, lambda: draw_report(report))
+    show(report, as_json, *describe_report(report))
     _exit_by_verdict(report)
 
 
@@ -340,7 +348,7 @@ def _exit_by_verdict(report: GateReport) -> None:
 @prints_answer()
 def list_gates(client: Client, limit: Limit = 50) -> CommandResult:
     """List the results of gates, newest first."""
-    return first_rows(client.gates.list(), limit, draw_summaries)
+    return first_rows(client.gates.list(), limit, tabulate_summaries)
 
 
 @app.command("show")
@@ -348,4 +356,4 @@ def list_gates(client: Client, limit: Limit = 50) -> CommandResult:
 def show_gate(client: Client, gate: GateId) -> CommandResult:
     """Show the result of a gate, as the gate printed it."""
     found = client.gates.get(gate)
-    return CommandResult(found, lambda: draw_report(found.report))
+    return CommandResult(found, *describe_report(found.report))

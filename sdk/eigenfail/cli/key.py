@@ -9,8 +9,6 @@ from typing import Annotated, Any
 
 import typer
 from msgspec.structs import asdict
-from rich.markup import escape
-from rich.table import Table
 
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
@@ -19,8 +17,9 @@ from eigenfail.cli.render import CommandResult, first_rows, to_json
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import load_database_tool
-from eigenfail.presentation.figures import UNKNOWN, format_utc
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
+from eigenfail.presentation.campaigns import ID
+from eigenfail.presentation.figures import format_utc
 from eigenfail.values.access import UNLIMITED, ApiKey, AuditEntry, NewKey, Quotas, Scope
 from eigenfail.wire.http import read_fields
 
@@ -36,37 +35,41 @@ def _describe_new_key(made: NewKey) -> str:
     )
 
 
-def _draw_keys(keys: Iterable[ApiKey]) -> Table:
-    """One row for each key; times in UTC."""
+def _tabulate_keys(keys: Iterable[ApiKey]) -> tables.Table:
+    """One row for each key."""
     at_ms = round(1_000 * time())
-    grid = start_grid(
-        "id", "name", "scope", "state", "quotas", "made", "ends", "last used", right=("id",)
+    return tables.tabulate(
+        "Keys",
+        keys,
+        tables.Reading(ID, lambda key: str(key.id)),
+        tables.read_text("Name", "name"),
+        tables.read_text("Scope", "scope"),
+        tables.read_text("State", lambda key: key.find_state(at_ms)),
+        tables.read_text("Quotas", _join_quotas),
+        tables.read_utc("Made", "created_ms"),
+        tables.read_utc("Ends", "expires_ms"),
+        tables.read_utc("Last used", "last_used_ms"),
     )
-    for key in keys:
-        times = (key.created_ms, key.expires_ms, key.last_used_ms)
-        dates = (UNKNOWN if each is None else format_utc(each) for each in times)
-        given = asdict(key.quotas).items()
-        quotas = ", ".join(f"{name} {most:,}" for name, most in given if most is not None)
-        state = "valid" if key.is_valid(at_ms) else "expired"
-        if key.revoked_ms is not None:
-            state = "revoked"
-        cells = (str(key.id), escape(key.name), key.scope, state, quotas or UNKNOWN)
-        grid.add_row(*cells, *dates)
-    return grid
 
 
-def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
+def _join_quotas(key: ApiKey) -> str | None:
+    given = asdict(key.quotas).items()
+    return ", ".join(f"{name} {most:,}" for name, most in given if most is not None) or None
+
+
+def _tabulate_audit(entries: Iterable[AuditEntry]) -> tables.Table:
     """One row for each change."""
-    grid = start_grid(
-        "when [UTC]", "who", "key", "what", "subject", "from", "status", right=("status",)
+    return tables.tabulate(
+        "Changes",
+        entries,
+        tables.read_utc("When [UTC]", "at_ms"),
+        tables.read_text("Who", "who"),
+        tables.read_text("Key", lambda entry: entry.key and str(entry.key)),
+        tables.read_text("What", lambda entry: f"{entry.method} {entry.route}"),
+        tables.read_text("Subject", lambda entry: f"{entry.subject}\n{entry.details}".strip()),
+        tables.read_text("From", lambda entry: entry.address or None),
+        tables.read_number("Status", "status"),
     )
-    for entry in entries:
-        key = UNKNOWN if entry.key is None else str(entry.key)
-        what = f"{entry.method} {entry.route}"
-        subject = "\n".join(filter(None, (entry.subject, entry.details)))
-        cells = (entry.who, key, what, subject, entry.address or UNKNOWN)
-        grid.add_row(format_utc(entry.at_ms), *map(escape, cells), str(entry.status))
-    return grid
 
 
 LIFE = re.compile(r"(?P<count>[1-9]\d{0,5})(?P<unit>[mhd])")
@@ -133,7 +136,7 @@ def create(
     life = None if expires is None else parse_duration(expires)
     given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
     made = keys.create(name, scope, life, given)
-    return CommandResult(made, lambda: escape(_describe_new_key(made)))
+    return CommandResult(made, _describe_new_key(made))
 
 
 @app.command("list")
@@ -141,7 +144,7 @@ def create(
 def list_keys(keys: Any) -> CommandResult:
     """List keys, newest first, expired and revoked ones included."""
     found = tuple(keys.list())
-    return CommandResult(found, lambda: _draw_keys(found))
+    return CommandResult(found, _tabulate_keys(found))
 
 
 @app.command()
@@ -158,7 +161,7 @@ def limit(
     before = keys.get(key).quotas
     wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
     found = keys.limit(key, wanted)
-    return CommandResult(found, lambda: _draw_keys([found]))
+    return CommandResult(found, _tabulate_keys([found]))
 
 
 @app.command()
@@ -166,14 +169,14 @@ def limit(
 def revoke(keys: Any, key: KeyId) -> CommandResult:
     """Revoke a key permanently."""
     found = keys.revoke(key)
-    return CommandResult(found, lambda: _draw_keys([found]))
+    return CommandResult(found, _tabulate_keys([found]))
 
 
 @app.command()
 @prints_answer(opened_by=open_keys)
 def audit(keys: Any, limit: Limit = 50) -> CommandResult:
     """Show the audit log: changes with time, user, address and result, newest first."""
-    return first_rows(keys.audit(), limit, _draw_audit)
+    return first_rows(keys.audit(), limit, _tabulate_audit)
 
 
 @app.command()

@@ -4,17 +4,13 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import typer
-from rich.console import RenderableType
-from rich.markup import escape
-from rich.table import Table
 
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
 from eigenfail.client.analyses import TriageFields
+from eigenfail.presentation import tables
 from eigenfail.presentation.figures import format_local_time
-from eigenfail.presentation.tables import FactTable
-from eigenfail.presentation.terminal import render, start_grid
 from eigenfail.values.analysis import Mode
 from eigenfail.values.triage import Triage, TriageState
 
@@ -59,7 +55,7 @@ def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) ->
     A mode that was given no name has the beginning of its description for one.
     """
     found = client.analyses.modes(analysis, state)
-    return CommandResult(found, lambda: _draw_modes(found))
+    return CommandResult(found, _tabulate_modes(found))
 
 
 @app.command("rename")
@@ -69,18 +65,20 @@ def rename_mode(
 ) -> CommandResult:
     """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
     renamed = client.analyses.rename_mode(analysis, number, name)
-    words = f"Mode {renamed.number} of analysis {analysis}: {escape(renamed.name)}"
-    return CommandResult(renamed, lambda: words)
+    words = f"Mode {renamed.number} of analysis {analysis}: {renamed.name}"
+    return CommandResult(renamed, words)
 
 
-def _draw_modes(modes: Iterable[Mode]) -> Table:
+def _tabulate_modes(modes: Iterable[Mode]) -> tables.Table:
     """A row for each mode."""
-    grid = start_grid("mode", "name", "failures", "state", right=("mode", "failures"))
-    for each in modes:
-        grid.add_row(
-            str(each.number), escape(each.name), f"{each.failures:,}", escape(each.state.words)
-        )
-    return grid
+    return tables.tabulate(
+        "Modes",
+        modes,
+        tables.read_number("Mode", lambda mode: str(mode.number)),
+        tables.read_text("Name", "name"),
+        tables.read_number("Failures", "failures"),
+        tables.read_text("State", "state.words"),
+    )
 
 
 @app.command("triage")
@@ -106,10 +104,10 @@ def triage_mode(
         found = client.triage.change_mode(analysis, number, **fields)
     else:
         found = client.triage.get_mode(analysis, number)
-    return CommandResult(found, lambda: _draw_triage(found))
+    return CommandResult(found, _list_triage_facts(found))
 
 
-def _draw_triage(found: Triage) -> RenderableType:
+def _list_triage_facts(found: Triage) -> tables.FactTable:
     changed = "" if found.changed_ms is None else format_local_time(found.changed_ms)
     facts = (
         ("state", found.state.words),
@@ -117,4 +115,4 @@ def _draw_triage(found: Triage) -> RenderableType:
         ("note", found.note or "none"),
         ("changed", f"{changed}, by {found.changed_by}" if changed else "never"),
     )
-    return render(FactTable("Triage", facts))
+    return tables.FactTable("Triage", facts)

@@ -1,7 +1,7 @@
 """Checks of a plug-in against its contract, each with a sentence on what breaks it."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from enum import StrEnum
 from functools import partial
@@ -10,12 +10,10 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 import msgspec
-from rich.markup import escape
-from rich.table import Table
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InvalidValue, describe_error, read_text
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect
 from eigenfail.testing.planner import PLANNER_CHECKS
@@ -172,10 +170,13 @@ def _find_complaint(check: PluginCheck) -> str:
     return ENDLESS.format(PATIENCE_S) if thread.is_alive() else "".join(complaints)
 
 
-def tabulate_checks(checks: list[CheckResult]) -> Table:
+def tabulate_checks(checks: Iterable[CheckResult]) -> tables.Table:
     """One row a check."""
-    grid = start_grid("", "plug-in", "check", "result or violation")
-    for check in checks:
-        cells = (check.verdict, check.plugin, check.check, check.said)
-        grid.add_row(*(escape(cell) for cell in cells))
-    return grid
+    return tables.tabulate(
+        "Checks",
+        checks,
+        tables.read_text("", "verdict"),
+        tables.read_text("Plug-in", "plugin"),
+        tables.read_text("Check", "check"),
+        tables.read_text("Result or violation", "said"),
+    )

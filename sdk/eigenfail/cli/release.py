@@ -9,7 +9,6 @@ from eigenfail.cli.options import CampaignId
 from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
 from eigenfail.presentation.releases import tabulate_questions, tabulate_releases
-from eigenfail.presentation.terminal import render
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 
@@ -29,7 +28,7 @@ def list_releases(client: Client, project: Project = None) -> CommandResult:
     Only campaigns that name the version of their planner count.
     """
     found = client.releases.list(project)
-    return CommandResult(found, lambda: render(tabulate_questions(found)))
+    return CommandResult(found, tabulate_questions(found))
 
 
 @app.command("show")
@@ -40,4 +39,4 @@ def show_release(client: Client, campaign: CampaignId) -> CommandResult:
     The campaigns must be analysed (`eigenfail analyze`).
     """
     found = client.releases.get(campaign)
-    return CommandResult(found, lambda: render(*tabulate_releases(found)))
+    return CommandResult(found, *tabulate_releases(found))

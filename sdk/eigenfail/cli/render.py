@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 import numpy as np
 import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, RenderableType
 from rich.live import Live
 
 from eigenfail.client import Client
@@ -20,7 +20,8 @@ from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.presentation.episodes import describe_minimal_failure
 from eigenfail.presentation.figures import count_noun
-from eigenfail.presentation.tables import Block
+from eigenfail.presentation.tables import Block, Table
+from eigenfail.presentation.terminal import render
 from eigenfail.progress import (
     PlainLines,
     Standing,
@@ -61,37 +62,37 @@ def make_console() -> Console:
     return screen if screen.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
 
 
-def show(value: Any, as_json: bool, draw: Callable[[], RenderableType]) -> None:
-    """Print a value as JSON, or as a table."""
+def show(value: object, as_json: bool, *document: Block) -> None:
+    """Print a value as JSON, or for people as tables and texts."""
     if as_json:
         typer.echo(to_json(value))
         return
-    drawn = draw()
     # The terminal breaks a long sentence itself, so that a key or digest in it is copied whole.
-    make_console().print(drawn, soft_wrap=isinstance(drawn, str))
+    is_text = all(isinstance(block, str) for block in document)
+    make_console().print(render(*document), soft_wrap=is_text)
 
 
-@dataclass(frozen=True)
 class CommandResult:
     """What a command found.
 
-    Attributes:
+    Args:
         data: what `--json` prints.
-        draw: draws it for people.
+        document: the same for people.
         exit_code: exit code of the command.
     """
 
-    data: object
-    draw: Callable[[], RenderableType]
-    exit_code: int = 0
+    def __init__(self, data: object, *document: Block, exit_code: int = 0) -> None:
+        self._data = data
+        self._document = document
+        self.exit_code = exit_code
 
     def print(self, as_json: bool) -> None:
-        """Print the result as JSON, or as a table."""
-        show(self.data, as_json, self.draw)
+        """Print the result as JSON, or as tables and texts."""
+        show(self._data, as_json, *self._document)
 
 
 def first_rows(
-    rows: Iterable[Row], limit: int, draw: Callable[[Sequence[Row]], RenderableType]
+    rows: Iterable[Row], limit: int, tabulate: Callable[[Sequence[Row]], Table]
 ) -> CommandResult:
     """Return the first rows, as a table that says whether there are more."""
     # One row more than is shown tells whether there are more: a list may have thousands.
@@ -99,7 +100,7 @@ def first_rows(
     shown = found[:limit]
     words = f"The first {limit}; there are more. Show more with --limit."
     more = (words,) if len(found) > limit else ()
-    return CommandResult(shown, lambda: Group(draw(shown), *more))
+    return CommandResult(shown, tabulate(shown), *more)
 
 
 Snapshot = TypeVar("Snapshot")
@@ -116,14 +117,14 @@ class TerminalView(Generic[Snapshot]):
         look: fetches the current state.
         campaigns: campaigns of the suite; watching ends once all of them have ended or are paused.
         to_data: makes the data that `--json` prints.
-        draw: it, for people.
+        describe: makes the document for people.
         watched: whether it is printed until all campaigns are at rest, not once.
     """
 
     look: Callable[[], Snapshot]
     campaigns: Callable[[Snapshot], Iterable[Campaign]]
     to_data: Callable[[Snapshot], object]
-    draw: Callable[[Snapshot], RenderableType]
+    describe: Callable[[Snapshot], Iterable[Block]]
     watched: bool
     exit_code: int = 0
 
@@ -134,7 +135,7 @@ class TerminalView(Generic[Snapshot]):
                 self.watch(as_json)
                 return
             seen = self.look()
-            show(self.to_data(seen), as_json, lambda: self.draw(seen))
+            show(self.to_data(seen), as_json, *self.describe(seen))
 
     def watch(self, as_json: bool) -> None:
         """Show it again and again: in one place of a terminal, elsewhere what has changed."""
@@ -143,9 +144,12 @@ class TerminalView(Generic[Snapshot]):
             self.until_rest(_JsonChanges(self.to_data))
         elif screen.is_terminal:
             with Live(console=screen, auto_refresh=False) as live:
-                self.until_rest(lambda seen: live.update(self.draw(seen), refresh=True))
+                self.until_rest(lambda seen: live.update(self._draw(seen), refresh=True))
         else:
-            screen.print(self.draw(self.until_rest(_ProgressLines(self.campaigns))))
+            screen.print(self._draw(self.until_rest(_ProgressLines(self.campaigns))))
+
+    def _draw(self, seen: Snapshot) -> RenderableType:
+        return render(*self.describe(seen))
 
     def until_rest(self, tell: Callable[[Snapshot], None]) -> Snapshot:
         """Return the last snapshot, at which all campaigns are at rest; report every snapshot."""

@@ -10,7 +10,6 @@ from eigenfail.cli.suite import judge_all, run_and_show
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.campaigns import tabulate_results
-from eigenfail.presentation.terminal import render
 from eigenfail.suites import Suite
 
 app = typer.Typer(add_completion=False)
@@ -66,7 +65,7 @@ def run(
         campaign = follow_or_pause(client, created.id, place.check, place.again)
         summary = client.campaigns.summary(campaign.id)
         words = describe_method_result(client, campaign)
-    show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
+    show(summary, as_json, tabulate_results([summary]), *words)
     # Printed before it is judged: a gate that fails ends the command.
     _tell_end(place)
     judge(campaign, gate, summary)

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import msgspec
 from msgspec.structs import replace
-from rich.text import Text
 
 from eigenfail import plugins, processes
 from eigenfail.bridges import (
@@ -178,10 +177,10 @@ def parse_changes(
     return fields
 
 
-def describe_check(found: CampaignCheck) -> Text:
+def describe_check(found: CampaignCheck) -> str:
     """What a check found, in words."""
     if found.spec is None:
-        return Text("\n".join(f"{each.detail} {each.remedy}".strip() for each in found.problems))
+        return "\n".join(f"{each.detail} {each.remedy}".strip() for each in found.problems)
     fields = msgspec.to_builtins(found.spec)
     if not world_of(found.spec.simulator).has_road:
         # A model without slopes and bases: they have their defaults and mean nothing there.
@@ -189,4 +188,4 @@ def describe_check(found: CampaignCheck) -> Text:
         fields["disturbance"] = {name: model[name] for name in ("scale", "shape")}
     plain = list_leaves(fields)
     lines = (f"  {'.'.join(path)} = {format_value(value)}" for path, value in plain)
-    return Text("\n".join(("It can be launched, as:", *lines, *found.notes)))
+    return "\n".join(("It can be launched, as:", *lines, *found.notes))

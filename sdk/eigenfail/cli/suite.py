@@ -21,7 +21,6 @@ from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation import suites
-from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.suites import Suite
 from eigenfail.values.campaign import Campaign, CampaignState
@@ -65,7 +64,7 @@ def run(
     suite = Suite.read(file)
     if dry_run:
         plan = suites.SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
-        show(plan, as_json, lambda: render(suites.tabulate_plan(plan)))
+        show(plan, as_json, suites.tabulate_plan(plan))
         # Nothing was asked of a service, so that nothing can be judged.
         raise typer.Exit
     command, place = f"eigenfail suite run {file}", Plan(data, 0, workers)
@@ -89,7 +88,7 @@ def run_and_show(
     with connect_for_suite(context, suite, url, plan) as (client, place):
         ended = run_suite(client, suite, place.check, command)
         result = summarize_suite(client, suite)
-    show(result, as_json, lambda: render(*suites.describe_suite_result(result)))
+    show(result, as_json, *suites.describe_suite_result(result))
     return ended, result, place
 
 
@@ -98,7 +97,7 @@ def run_and_show(
 def list_suites(client: Client, limit: Limit = 50) -> CommandResult:
     """List the suites that a service knows, those with the newest campaigns first."""
     found = client.suites.list()
-    return first_rows(found, limit, lambda rows: render(suites.tabulate_suites(rows)))
+    return first_rows(found, limit, suites.tabulate_suites)
 
 
 @app.command("show")
@@ -111,10 +110,10 @@ def show_suite(client: Client, suite: SuiteOrFile) -> CommandResult:
     """
     if suite.endswith(".toml") or Path(suite).is_file():
         result = summarize_suite(client, Suite.read(suite))
-        return CommandResult(result, lambda: render(*suites.describe_suite_result(result)))
+        return CommandResult(result, *suites.describe_suite_result(result))
     with announce(f"Reading the results of {suite}"):
         found = client.suites.table(suite)
-    return CommandResult(found, lambda: render(*suites.describe_suite(found)))
+    return CommandResult(found, *suites.describe_suite(found))
 
 
 def summarize_suite(client: Client, suite: Suite) -> suites.SuiteResult:

@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Group, RenderableType
-from rich.markup import escape
-from rich.text import Text
 from typer.core import TyperGroup
 
 from eigenfail.bridges import ADDRESS_OPTION, EPISODE_OPTION, EPISODE_VARIABLE
@@ -22,14 +19,13 @@ from eigenfail.cli.options import AsJson, Bridge, Watched
 from eigenfail.cli.render import TerminalView, to_json
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.presentation.figures import UNKNOWN, format_local_time
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
+from eigenfail.presentation.figures import format_local_time
 from eigenfail.presentation.workers import PACKAGE, WorkerActivity, combine_activity
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import ACTIVE_S, DAY_S
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE
 
-COUNTS = ("campaigns", "episodes", "failures", "errored")
 NO_WORKER = (
     "No worker is connected, and no results arrived in the last {} s. "
     "eigenfail doctor reports what is missing."
@@ -62,7 +58,7 @@ def list_workers(
         look=look,
         campaigns=lambda seen: seen[1],
         to_data=lambda seen: seen[0],
-        draw=lambda seen: _draw_activity(seen[0], within_s),
+        describe=lambda seen: _describe_activity(seen[0], within_s),
         watched=watched,
     )
 
@@ -73,15 +69,26 @@ def list_activity(client: Client, within_s: int) -> tuple[WorkerActivity, ...]:
     return combine_activity(client.present_workers(), client.workers(within_s), at_work)
 
 
-def _draw_activity(workers: Sequence[WorkerActivity], within_s: int) -> RenderableType:
+def _describe_activity(
+    workers: Sequence[WorkerActivity], within_s: int
+) -> tuple[tables.Block, ...]:
     """One row for each worker, or that there is none."""
-    grid = start_grid("worker", "host", PACKAGE, "state", *COUNTS, "last result", right=COUNTS)
-    for each in workers:
-        cells = (each.worker, each.host or UNKNOWN, each.version or UNKNOWN, each.state)
-        counts = (len(each.campaigns), each.episodes, each.failures, each.errored)
-        last = UNKNOWN if each.last_ms is None else format_local_time(each.last_ms)
-        grid.add_row(*map(escape, cells), *map(str, counts), last)
-    return grid if workers else Group(Text(NO_WORKER.format(within_s)))
+    if not workers:
+        return (NO_WORKER.format(within_s),)
+    table = tables.tabulate(
+        "Workers",
+        workers,
+        tables.read_text("Worker", "worker"),
+        tables.read_text("Host", lambda each: each.host or None),
+        tables.read_text(PACKAGE, lambda each: each.version or None),
+        tables.read_text("State", "state"),
+        tables.read_number("Campaigns", lambda each: len(each.campaigns)),
+        tables.read_number("Episodes", "episodes"),
+        tables.read_number("Failures", "failures"),
+        tables.read_number("Errored", "errored"),
+        tables.read_text("Last result", lambda each: format_local_time(each.last_ms)),
+    )
+    return (table,)
 
 
 ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}")

@@ -26,7 +26,13 @@ from eigenfail.gate.reruns import (
     Rerun,
     RerunFigures,
 )
-from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, GateVerdict
+from eigenfail.gate.verdicts import (
+    CLOSING,
+    INFRASTRUCTURE,
+    STRICTLY_CLOSING,
+    GateVerdict,
+    join_counts,
+)
 from eigenfail.settings import Count
 
 INCONCLUSIVE = "inconclusive"
@@ -311,7 +317,7 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
 
 def describe_conclusion(report: GateReport) -> str:
     """Whether it is open, and why."""
-    counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
+    counts = join_counts(report.counts)
     gate = report.gate
     if not gate.baseline:
         found = _describe_findings(report)
@@ -331,7 +337,7 @@ def _describe_findings(report: GateReport) -> str:
     failures, completed = (
         sum(getattr(each, name) for each in seen) for name in ("failures", "completed")
     )
-    counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
+    counts = join_counts(report.counts)
     known = f"; of its known failures, replayed: {counts}" if counts else ""
     return f"{failures} of {completed} episodes fail{known}"
 

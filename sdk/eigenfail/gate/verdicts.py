@@ -7,7 +7,7 @@ from typing import Generic, Protocol, TypeVar
 import msgspec
 
 from eigenfail.intervals import ERROR
-from eigenfail.presentation.figures import format_signed, format_signed_interval
+from eigenfail.presentation.figures import format_count, format_signed, format_signed_interval
 from eigenfail.values.campaign import Campaign, Counts
 from eigenfail.values.comparison import Comparison, Difference, McNemar
 from eigenfail.values.episode import Outcome
@@ -230,12 +230,17 @@ ESTIMATE_WORDS = COUNT_WORDS | {
 }
 
 
+def join_counts(counts: Mapping[GateVerdict, int]) -> str:
+    """Return numbers of failures by verdict as text; empty without any."""
+    return ", ".join(f"{format_count(count)} {verdict}" for verdict, count in counts.items())
+
+
 def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) -> str:
     """What became of pairs of episodes."""
     pairs = comparison.pairs
     if pairs is None:
         return comparison.unpaired_because
-    named = ", ".join(f"{count} {each}" for each, count in counts.items()) or "no failure"
+    named = join_counts(counts) or "no failure"
     discordant, chance = pairs.only_a + pairs.only_b, ""
     if discordant:
         chance = f" (McNemar's exact test on {discordant}: p = {pairs.p_value:.2g})"

@@ -157,6 +157,11 @@ def read_number(title: str, read: str | Callable[[Any], Cell], unit: str = "") -
     return Reading(TableColumn(title, unit), read)
 
 
+def read_utc(title: str, field: str) -> Reading:
+    """Return a column of times in UTC, from milliseconds since 1970."""
+    return read_text(title, lambda row: figures.format_utc(getattr(row, field)))
+
+
 def name_columns(*titles: str) -> tuple[TableColumn, ...]:
     """Return columns of text with these titles."""
     return tuple(TableColumn(title, is_figure=False) for title in titles)

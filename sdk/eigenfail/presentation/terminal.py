@@ -54,26 +54,19 @@ def render(*blocks: Block) -> RenderableType:
 
 def _render_block(block: Block) -> RenderableType:
     if isinstance(block, Table):
-        figures = [column.label for column in block.columns if column.is_figure]
-        grid = start_grid(*(column.label for column in block.columns), right=figures)
-        for row in block.cells:
-            # Names may have brackets, which rich would read as markup.
-            grid.add_row(*(escape(cell.line) for cell in row))
-        return Group(grid, *map(Text, block.notes))
-    if isinstance(block, FactTable):
-        return _render_facts(block)
-    return Text(block)
+        return Group(_draw_grid(block), *map(Text, block.notes))
+    return _render_facts(block) if isinstance(block, FactTable) else Text(block)
 
 
-def start_grid(*titles: str, right: Iterable[str] = ()) -> Grid:
-    """Return an empty table that fits the screen; the columns named in `right` hold numbers."""
+def _draw_grid(table: Table) -> Grid:
     grid = FittingGrid(box=box.SIMPLE_HEAD, show_edge=False, padding=0, header_style="bold")
-    figures = frozenset(right)
-    for title in titles:
-        is_figure = title in figures
-        justify: JustifyMethod = "right" if is_figure else "left"
+    for column in table.columns:
+        justify: JustifyMethod = "right" if column.is_figure else "left"
         # Numbers never wrap: in two lines one number reads as two.
-        grid.add_column(escape(title), justify=justify, no_wrap=is_figure)
+        grid.add_column(escape(column.label), justify=justify, no_wrap=column.is_figure)
+    for row in table.cells:
+        # Names may have brackets, which rich would read as markup.
+        grid.add_row(*(escape(cell.line) for cell in row))
     return grid
 
 

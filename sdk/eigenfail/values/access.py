@@ -95,6 +95,14 @@ class Scope(StrEnum):
         return order.index(self) >= order.index(needed)
 
 
+class KeyState(StrEnum):
+    """Whether a key opens anything, or why not."""
+
+    VALID = "valid"
+    EXPIRED = "expired"
+    REVOKED = "revoked"
+
+
 class ApiKey(msgspec.Struct, frozen=True):
     """A key without its secret, which is shown once and not stored.
 
@@ -120,7 +128,15 @@ class ApiKey(msgspec.Struct, frozen=True):
 
     def is_valid(self, at_ms: int) -> bool:
         """Whether it opens anything at a moment."""
-        return self.revoked_ms is None and (self.expires_ms is None or at_ms < self.expires_ms)
+        return self.find_state(at_ms) is KeyState.VALID
+
+    def find_state(self, at_ms: int) -> KeyState:
+        """Return the state of the key at a moment."""
+        # A key that was revoked may have expired since.
+        if self.revoked_ms is not None:
+            return KeyState.REVOKED
+        is_over = self.expires_ms is not None and self.expires_ms <= at_ms
+        return KeyState.EXPIRED if is_over else KeyState.VALID
 
 
 class KeyRecord(msgspec.Struct, frozen=True):

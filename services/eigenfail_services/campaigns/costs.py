@@ -20,7 +20,7 @@ MAX_ANALYSES_SEARCHED = 100
 
 def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
     """Return the cost of a campaign, of its failures and modes, and the use of its time, so far."""
-    spec, totals = campaign.spec, store.episodes.spending(campaign.id)
+    spec, totals = campaign.spec, store.figures.spending(campaign.id)
     rate = summary.find_failure_rate(campaign, summary.count_unresolved(store, campaign))
     modes, cost = _find_known_modes(store, campaign), summary.find_cost(campaign, rate)
     count = None if modes.found_ms is None else len(modes.found_ms)
@@ -123,7 +123,7 @@ def read_figures(store: Store, campaign: Campaign) -> CampaignFigures:
 
 def prefetch_figures(store: Store, campaign: Campaign) -> Sequence[Future[Any]]:
     """Start computing the sums that `find_figures` needs; the store caches them."""
-    asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
+    asked = (store.figures.safety, store.figures.spending, store.figures.workers)
     # `as_of` sets a context variable, and a thread of the pool sees it only in a copy of the
     # context.
     with store.figures.as_of(campaign):

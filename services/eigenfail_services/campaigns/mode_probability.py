@@ -26,8 +26,6 @@ from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.store import Store
 
-PAGE = 1_000
-
 COUNTING = "Monte Carlo"
 SAME_FAILURES = (
     "The modes were found in the failures that are counted: which failures belong together is not"
@@ -86,7 +84,7 @@ def estimate_by_levels(
     """Estimate each mode by the last level of a subset simulation."""
     settings = read_settings(subset.SubsetMethodSettings, campaign.spec.settings, "settings")
     simulation = subset.start_simulation(learner_context(campaign, store), settings)
-    robustness = [_read_robustness_m(row) for row in _list_rows(store, campaign.id)]
+    robustness = [_read_robustness_m(row) for row in store.episodes.iterate(campaign.id)]
     return subset.estimate_modes(simulation, robustness, mode_of, modes) or [None] * modes
 
 
@@ -96,14 +94,6 @@ def _read_robustness_m(row: EpisodeRow) -> float:
         return 0.0
     ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan
-
-
-def _list_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
-    page = store.episodes.page(campaign, PAGE)
-    yield from page.items
-    while page.next is not None:
-        page = store.episodes.page(campaign, PAGE, page.next)
-        yield from page.items
 
 
 def estimate_by_weights(

@@ -41,7 +41,6 @@ MOST_EPISODES = 10_000
 MOST_NUMBERS = 25_000_000
 """Most numbers of noise, which travel in one message."""
 
-PAGE = 5_000
 
 AT_BIRTH = frozenset({Reference.OWN_LEARNER, Reference.EPISODES})
 """References that only a new learner reads: the state of a restored one has their effect."""
@@ -474,14 +473,9 @@ def read_experience(method: ResolvedMethod, form: EpisodeForm, store: "Store") -
 
 
 def _list_completed(campaign: int, store: "Store") -> Iterator[CompletedEpisode]:
-    after: int | None = None
-    while True:
-        page = store.episodes.page(campaign, PAGE, after)
-        for row in page.items:
-            if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
-                yield CompletedEpisode(row.robustness_m, campaign, row.index)
-        if (after := page.next) is None:
-            return
+    for row in store.episodes.iterate(campaign):
+        if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
+            yield CompletedEpisode(row.robustness_m, campaign, row.index)
 
 
 def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[CompletedEpisode]:

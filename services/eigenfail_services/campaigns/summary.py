@@ -58,6 +58,11 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     )
 
 
+def find_summary(store: Store, campaign: Campaign) -> Summary:
+    """Return the summary of a campaign as it stands."""
+    return summaries_of(store, [campaign])[0]
+
+
 def summaries_of(store: Store, campaigns: Sequence[Campaign]) -> list[Summary]:
     """Return the summaries of campaigns in their order, with one query for all."""
     totals = store.figures.totals([campaign.id for campaign in campaigns])
@@ -79,7 +84,7 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
 
 def count_unresolved(store: Store, campaign: Campaign) -> int:
     """Return the number of a campaign's episodes that are unresolved."""
-    return store.episodes.totals(campaign.id).conflicts.unresolved
+    return store.figures.totals([campaign.id])[campaign.id].conflicts.unresolved
 
 
 def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
@@ -149,7 +154,8 @@ def find_safety(store: Store, campaign: Campaign, level: float = TAIL_LEVEL) -> 
     Raises:
         InvalidValue: the level is not between 0 and 1.
     """
-    totals, measured = store.episodes.totals(campaign.id), store.episodes.safety(campaign.id)
+    totals = store.figures.totals([campaign.id])[campaign.id]
+    measured = store.figures.safety(campaign.id)
     # The intervals of VaR and CVaR take longer than everything else on a page that shows them.
     return store.answers.get(
         ("safety table", campaign.id, level),
@@ -176,9 +182,7 @@ def find_course(store: Store, campaign: Campaign, per: int | None = None) -> Cou
         InvalidValue: so short blocks would be too many.
     """
     length = campaign_figures.choose_block_length(campaign.counts, per)
-    return campaign_figures.make_course(
-        campaign, length, store.episodes.course(campaign.id, length)
-    )
+    return campaign_figures.make_course(campaign, length, store.figures.course(campaign.id, length))
 
 
 MAX_EVENTS_SEARCHED = 200

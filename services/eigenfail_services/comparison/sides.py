@@ -266,7 +266,7 @@ def _refuse_repeats(a: Sequence[int], b: Sequence[int]) -> None:
 
 
 def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
-    totals = [store.episodes.totals(campaign.id) for campaign in campaigns]
+    totals = store.figures.totals([campaign.id for campaign in campaigns]).values()
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     errored = sum(campaign.counts.errored for campaign in campaigns)

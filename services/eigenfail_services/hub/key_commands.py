@@ -10,8 +10,6 @@ from time import time
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from eigenfail.cli.key import parse_duration
 from eigenfail.cli.options import AsJson, Data
@@ -20,8 +18,8 @@ from eigenfail.errors import EigenfailError
 from eigenfail.files import read_private, replace_private
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
-from eigenfail.presentation.figures import UNKNOWN, format_utc
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
+from eigenfail.presentation.figures import format_utc
 from eigenfail.values.access import Change, redact
 from eigenfail.wire.keys import AllowedWorker, read_hub_key, read_worker_key
 
@@ -101,7 +99,7 @@ def list_keys(folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson 
     """List the keys that the hub accepts and expired ones, by name."""
     with _open_folder(data, folder) as keys:
         found = keys.list()
-    show(found, as_json, lambda: _draw_keys(found))
+    show(found, as_json, _tabulate_keys(found))
 
 
 @app.command()
@@ -229,11 +227,14 @@ def _describe_new_key(made: AllowedWorker, written: Path) -> str:
     )
 
 
-def _draw_keys(keys: Iterable[AllowedWorker]) -> Table:
+def _tabulate_keys(keys: Iterable[AllowedWorker]) -> tables.Table:
     at_ms = round(1_000 * time())
-    grid = start_grid("name", "key", "state", "made", "ends")
-    for key in keys:
-        state = "valid" if key.is_valid(at_ms) else "expired"
-        ends = UNKNOWN if key.until_ms is None else format_utc(key.until_ms)
-        grid.add_row(escape(key.name), key.key, state, format_utc(key.made_ms), ends)
-    return grid
+    return tables.tabulate(
+        "Keys",
+        keys,
+        tables.read_text("Name", "name"),
+        tables.read_text("Key", "key"),
+        tables.read_text("State", lambda key: "valid" if key.is_valid(at_ms) else "expired"),
+        tables.read_utc("Made", "made_ms"),
+        tables.read_utc("Ends", "until_ms"),
+    )

@@ -16,7 +16,7 @@ from eigenfail_services.store.failures import FailureStore
 from eigenfail_services.store.gates import GateStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
-from eigenfail_services.store.query_cache import AnswerCache, CachedQueries, FigureStore
+from eigenfail_services.store.query_cache import AnswerCache, FigureStore
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
@@ -37,10 +37,9 @@ class Store:
         self.database = database
         self.campaigns = CampaignStore(database)
         self.answers = AnswerCache()
-        cached = CachedQueries(database, self.answers)
-        self.episodes = EpisodeStore(database, cached)
+        self.episodes = EpisodeStore(database)
         self.failures = FailureStore(database)
-        self.figures = FigureStore(database, cached)
+        self.figures = FigureStore(database, self.answers)
         self.checkpoints = CheckpointStore(database)
         self.analyses = AnalysisStore(database)
         self.retention = RetentionStore(database)

@@ -12,7 +12,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Page
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.errors import make_key_error
 from eigenfail_services.store.schema import audit, campaigns, keys
 
@@ -154,11 +154,8 @@ _KEYS = StructRows(keys, access.ApiKey)
 _CHANGES = StructRows(audit, access.AuditEntry)
 
 
-class KeyStore:
+class KeyStore(StorePart):
     """Keys of the API. None is ever deleted, so that the audit log stays readable."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def create(
         self,
@@ -194,8 +191,7 @@ class KeyStore:
 
     def page(self, limit: int, before: int | None = None) -> Page[access.ApiKey]:
         """Return keys, newest first, with ids below `before`, with revoked and expired ones."""
-        with self._database.reading() as connection:
-            return _KEYS.page(connection, limit, before)
+        return self._database.read(_KEYS.page, limit, before)
 
     def revoke(self, key: int) -> access.ApiKey:
         """Revoke a key; a second time changes nothing.
@@ -215,8 +211,7 @@ class KeyStore:
 
     def usage(self, wanted: Sequence[int]) -> dict[int, access.Usage]:
         """Return how much of its quotas each key uses, 0 for a key without campaigns."""
-        with self._database.reading() as connection:
-            return count_usage(connection, wanted)
+        return self._database.read(count_usage, wanted)
 
     def _change(self, key: int, **values: Any) -> access.ApiKey:
         change = sa.update(keys).where(keys.c.id == key).values(**values)
@@ -248,11 +243,8 @@ class KeyStore:
             return int(connection.execute(query).scalar_one())
 
 
-class AuditLog:
+class AuditLog(StorePart):
     """The newest changes; older ones are deleted."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def append(self, change: access.Change) -> access.AuditEntry:
         """Record a change with the current time."""
@@ -268,5 +260,4 @@ class AuditLog:
 
     def page(self, limit: int, before: int | None = None) -> Page[access.AuditEntry]:
         """Return changes, newest first, with ids below `before`."""
-        with self._database.reading() as connection:
-            return _CHANGES.page(connection, limit, before)
+        return self._database.read(_CHANGES.page, limit, before)

@@ -26,7 +26,7 @@ from eigenfail_services.store.codec import (
     to_json,
     to_settings,
 )
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue
@@ -55,11 +55,8 @@ _MODES = select(*_MODE.columns).order_by(modes.c.number)
 _TRIAGE = StructRows(modes, Triage)
 
 
-class AnalysisStore:
+class AnalysisStore(StorePart):
     """Analyses; the first end of each is final, and later ones change nothing."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def create(self, campaign: int, settings: AnalysisSettings) -> Analysis:
         """Create an analysis, queued with a job for it.
@@ -106,8 +103,7 @@ class AnalysisStore:
     ) -> Page[Analysis]:
         """Return analyses, newest first, with ids below `before`, without their results."""
         where = () if campaign is None else (analyses.c.campaign == campaign,)
-        with self._database.reading() as connection:
-            return _BRIEF.page(connection, limit, before, *where)
+        return self._database.read(_BRIEF.page, limit, before, *where)
 
     def start(self, analysis: int) -> None:
         """Mark an analysis as running."""
@@ -158,8 +154,7 @@ class AnalysisStore:
         Raises:
             NotFound: no such analysis or mode.
         """
-        with self._database.reading() as connection:
-            return _read_of_mode(connection, _MODE, analysis, number)
+        return self._database.read(_read_of_mode, _MODE, analysis, number)
 
     def rename_mode(self, analysis: int, number: int, name: str) -> Mode:
         """Give a mode of an analysis a name, and return it.
@@ -178,8 +173,7 @@ class AnalysisStore:
         Raises:
             NotFound: no such analysis or mode.
         """
-        with self._database.reading() as connection:
-            return _read_of_mode(connection, _TRIAGE, analysis, number)
+        return self._database.read(_read_of_mode, _TRIAGE, analysis, number)
 
     def change_triage(
         self,
@@ -220,8 +214,7 @@ class AnalysisStore:
             .where(member.campaign == campaign, member["index"] == index)
             .order_by(modes.c.analysis.desc())
         )
-        with self._database.reading() as connection:
-            return _MODE.list(connection, query)
+        return self._database.read(_MODE.list, query)
 
     def search_modes(self, text: str, limit: int) -> tuple[Mode, ...]:
         """Return modes whose names contain a text in small or large letters, newest first."""
@@ -232,8 +225,7 @@ class AnalysisStore:
             .order_by(modes.c.analysis.desc(), modes.c.number)
             .limit(limit)
         )
-        with self._database.reading() as connection:
-            return _MODE.list(connection, query)
+        return self._database.read(_MODE.list, query)
 
     def find_newest(self, campaign: int) -> int | None:
         """Return the id of the newest analysis of a campaign that has a mode; None without one."""
@@ -261,8 +253,7 @@ class AnalysisStore:
         Raises:
             NotFound: no such analysis.
         """
-        with self._database.reading() as connection:
-            return _replays(connection, analysis)
+        return self._database.read(_replays, analysis)
 
 
 def give_up(connection: Connection, analysis: int, problem: str) -> None:

@@ -3,12 +3,11 @@
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from msgspec.structs import replace
 from sqlalchemy import Connection, Row, func, select, update
-from sqlalchemy.exc import IntegrityError
 
 from eigenfail.filters import NEWEST_FIRST, SortOrder
 from eigenfail.values.campaign import (
@@ -38,7 +37,7 @@ from eigenfail_services.store.campaign_rows import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue, fence, withdraw
 from eigenfail_services.store.lifecycle import (
@@ -50,19 +49,21 @@ from eigenfail_services.store.lifecycle import (
     set_archived,
     set_priority,
 )
-from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
+from eigenfail_services.store.listing import (
+    contains_text,
+    filter_campaigns,
+    iterate_items,
+    sort_campaigns,
+)
 from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
 
-Made = TypeVar("Made")
+CAMPAIGNS_AT_A_TIME = 200
 
 
-class CampaignStore:
+class CampaignStore(StorePart):
     """Campaigns and their states."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def create(
         self, spec: CampaignSpec, idempotency_key: str | None = None, made_by: int | None = None
@@ -78,9 +79,7 @@ class CampaignStore:
             IdempotencyMismatch: the key was used for another spec, whatever its priority.
             QuotaExceeded: the API key does not allow more.
         """
-        return self._retry(
-            lambda connection: create_campaign(connection, spec, idempotency_key, made_by)
-        )
+        return self._database.write_once(create_campaign, spec, idempotency_key, made_by)
 
     def create_many(
         self,
@@ -96,9 +95,7 @@ class CampaignStore:
             IdempotencyMismatch: the key was used for another list of specs; none is created.
             QuotaExceeded: the API key does not allow all of them; none is created.
         """
-        return self._retry(
-            lambda connection: create_campaigns(connection, specs, idempotency_key, made_by)
-        )
+        return self._database.write_once(create_campaigns, specs, idempotency_key, made_by)
 
     def create_missing(
         self, specs: Mapping[str, CampaignSpec], made_by: int | None = None
@@ -115,7 +112,7 @@ class CampaignStore:
             IdempotencyMismatch: a key was used for another spec; none is created.
             QuotaExceeded: the API key does not allow all of them; none is created.
         """
-        return self._retry(lambda connection: create_missing(connection, specs, made_by))
+        return self._database.write_once(create_missing, specs, made_by)
 
     def is_key_used(self, idempotency_key: str | None) -> bool:
         """Return whether `create` has created a campaign with this key."""
@@ -128,15 +125,6 @@ class CampaignStore:
     def is_list_key_used(self, idempotency_key: str | None) -> bool:
         """Return whether `create_many` has created campaigns with this key."""
         return idempotency_key is not None and self.is_key_used(derive_key(idempotency_key, 0))
-
-    def _retry(self, make: Callable[[Connection], Made]) -> Made:
-        try:
-            with self._database.writing() as connection:
-                return make(connection)
-        except IntegrityError:
-            # Another request used the key at the same time: now its campaigns can be read.
-            with self._database.writing() as connection:
-                return make(connection)
 
     def prioritise(self, campaign: int, priority: Priority) -> Campaign:
         """Set a campaign's priority, and log an event if it is another one.
@@ -180,8 +168,7 @@ class CampaignStore:
         Raises:
             NotFound: no such campaign.
         """
-        with self._database.reading() as connection:
-            return read_campaign(connection, campaign)
+        return self._database.read(read_campaign, campaign)
 
     def page(
         self,
@@ -206,6 +193,10 @@ class CampaignStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
 
+    def iterate(self, where: CampaignFilter = ANY_CAMPAIGN) -> Iterator[Campaign]:
+        """Yield the campaigns that match a filter, newest first; no transaction stays open."""
+        return iterate_items(lambda before: self.page(CAMPAIGNS_AT_A_TIME, before, where))
+
     def count(self, where: CampaignFilter = ANY_CAMPAIGN) -> int:
         """Return the number of campaigns that match a filter."""
         query = select(func.count()).select_from(campaigns).where(*filter_campaigns(where))
@@ -221,8 +212,7 @@ class CampaignStore:
 
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
         """Return suites by their newest campaigns, newest first, with ids below `before`."""
-        with self._database.reading() as connection:
-            return _read_suites(connection, limit, before)
+        return self._database.read(_read_suites, limit, before)
 
     def search_suites(self, text: str, limit: int) -> tuple[str, ...]:
         """Return suites whose names contain a text in small or large letters, newest first."""

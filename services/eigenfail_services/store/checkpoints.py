@@ -10,7 +10,7 @@ from eigenfail.values.estimates import Estimate
 from eigenfail.values.records import Job
 from eigenfail_services.store.campaign_rows import lock_campaign, update_learner
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import fence
 from eigenfail_services.store.schema import checkpoints
@@ -21,14 +21,11 @@ KEPT_CHECKPOINTS = 2
 """Checkpoints that are kept of each campaign: the last one, and the one to fall back to."""
 
 
-class CheckpointStore:
+class CheckpointStore(StorePart):
     """The last two checkpoints of each campaign, with a hash each, and the learner's estimate.
 
     The one before the last is there to fall back to if the last one is damaged.
     """
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def save(
         self,

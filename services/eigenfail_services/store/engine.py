@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 from sqlalchemy import Connection, Engine, Transaction, exc
 
@@ -126,6 +126,9 @@ def find_backend(address: str, wait_s: float = WAIT_S) -> Backend:
         ) from None
 
 
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
+
 Commit = Callable[[Transaction], None]
 """Commits a transaction; afterwards it is committed, or an error was raised."""
 
@@ -173,6 +176,31 @@ class Database:
         except StoreUnwritable:
             self._alarm.begin()
             raise
+
+    def read(
+        self,
+        question: Callable[Concatenate[Connection, Given], Answer],
+        *given: Given.args,
+        **options: Given.kwargs,
+    ) -> Answer:
+        """Return what a function reads in a transaction that changes nothing."""
+        with self.reading() as connection:
+            return question(connection, *given, **options)
+
+    def write_once(
+        self,
+        make: Callable[Concatenate[Connection, Given], Answer],
+        *given: Given.args,
+        **options: Given.kwargs,
+    ) -> Answer:
+        """Return what a function writes, or finds where another request has written the same."""
+        try:
+            with self.writing() as connection:
+                return make(connection, *given, **options)
+        except exc.IntegrityError:
+            # Another request used the same key at the same time: now its rows can be read.
+            with self.writing() as connection:
+                return make(connection, *given, **options)
 
     def _connect(self, engine: Engine) -> Connection:
         """Return a connection of the pool; wait for one if the server grants no further one.
@@ -228,6 +256,17 @@ class Database:
         self._threads.shutdown()
         self._alarm.end()
         self._reader.dispose()
+
+
+class StorePart:
+    """A part of the store.
+
+    Args:
+        database: the database of the whole store.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
 
 
 def chunks(numbers: Iterable[int]) -> Iterator[list[int]]:

@@ -18,8 +18,7 @@ from eigenfail.values import records
 from eigenfail.values.comparison import MOST_TRIALS, PairTotals, Trials
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.records import Page
-from eigenfail.values.safety import MOST_POINTS, SafetyTotals, SeveritySample
-from eigenfail.values.summary import MOST_LANDINGS, BlockTotals, SpendingTotals
+from eigenfail.values.safety import SeveritySample
 from eigenfail_services.store.campaign_rows import (
     hash_results,
     lock_campaign,
@@ -37,18 +36,18 @@ from eigenfail_services.store.codec import (
     to_result,
     to_row,
 )
-from eigenfail_services.store.engine import Database, chunks
+from eigenfail_services.store.engine import StorePart, chunks
 from eigenfail_services.store.errors import make_episode_error, make_pruned_error
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.listing import (
     Expression,
     count_episodes,
+    iterate_items,
     page_queries,
     preceding_queries,
     select_column,
 )
-from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
 from eigenfail_services.store.schema import (
     campaigns,
@@ -65,10 +64,9 @@ from eigenfail_services.store.totals import (
     count_pairs,
     read_trials,
     sample_severities,
-    sum_blocks,
-    sum_safety,
-    sum_spending,
 )
+
+ROWS_AT_A_TIME = 1_000
 
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
@@ -213,12 +211,8 @@ ROWS = sa.select(
 _SPEC = sa.select(campaigns.c.spec).where(campaigns.c.id == sa.bindparam("campaign"))
 
 
-class EpisodeStore:
+class EpisodeStore(StorePart):
     """Results of episodes: at most one for each, which never changes."""
-
-    def __init__(self, database: Database, cached: CachedQueries) -> None:
-        self._database = database
-        self._cached = cached
 
     def commit(
         self,
@@ -289,6 +283,10 @@ class EpisodeStore:
                     break
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
+
+    def iterate(self, campaign: int) -> Iterator[records.EpisodeRow]:
+        """Yield the finished episodes of a campaign by index; no transaction stays open."""
+        return iterate_items(lambda after: self.page(campaign, ROWS_AT_A_TIME, after))
 
     def count(self, campaign: int, where: filters.Conditions = ()) -> int:
         """Return the number of finished episodes that fulfil all conditions."""
@@ -428,26 +426,9 @@ class EpisodeStore:
                 for number, found in sorted(indices.items())
             }
 
-    def totals(self, campaign: int) -> records.Totals:
-        """Return sums over all failures, and episodes counted by the classes of `assess`."""
-        return self._cached.totals([campaign])[campaign]
-
-    def course(self, campaign: int, per: int) -> list[BlockTotals]:
-        """Return sums over the completed episodes of each block of `per` indices, in order."""
-        return self._cached.once(sum_blocks, campaign, per)
-
-    def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
-        """Return safety measures of the completed episodes, and at most `most` failures as points.
-
-        If more failures have a severity, the points are every k-th of them in index order from the
-        first one on, for the smallest sufficient k.
-        """
-        return self._cached.once(sum_safety, campaign, most)
-
     def sample_severities(self, campaign: int, first: int) -> SeveritySample:
         """Return the severities of the failures from the index `first` on."""
-        with self._database.reading() as connection:
-            return sample_severities(connection, campaign, first)
+        return self._database.read(sample_severities, campaign, first)
 
     def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
         """Return seeds and outcomes of the completed episodes in index order.
@@ -455,26 +436,15 @@ class EpisodeStore:
         If there are more than `most`, of every k-th from the first one on, for the smallest
         sufficient k.
         """
-        with self._database.reading() as connection:
-            return read_trials(connection, campaign, most)
-
-    def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
-        """Return the worker time in the episodes, and when they landed.
-
-        The progress is every k-th completed episode by the time that it was stored, then by
-        index, for the smallest k that leaves at most `most`; and the last one.
-        """
-        return self._cached.once(sum_spending, campaign, most)
+        return self._database.read(read_trials, campaign, most)
 
     def paired(self, first: int, second: int) -> PairTotals:
         """Count episodes that both campaigns completed with one seed and source, by outcome."""
-        with self._database.reading() as connection:
-            return count_pairs(connection, first, second)
+        return self._database.read(count_pairs, first, second)
 
     def digest(self, campaign: int) -> str:
         """Return the SHA-256 over one line "index digest" for each result, in index order."""
-        with self._database.reading() as connection:
-            return hash_results(connection, campaign)
+        return self._database.read(hash_results, campaign)
 
 
 def _has_result(found: sa.RowMapping) -> bool:

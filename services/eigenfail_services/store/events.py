@@ -16,7 +16,7 @@ from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Event
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.schema import campaigns, event_counter, events
 
 KEPT_EVENTS = 200_000
@@ -58,11 +58,8 @@ def append_event(
 _ROWS = StructRows(events, Event)
 
 
-class EventLog:
+class EventLog(StorePart):
     """The newest events, in order; older ones are deleted."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def append(self, kind: str, message: str, campaign: int | None = None) -> Event:
         """Log an event."""
@@ -78,16 +75,14 @@ class EventLog:
         query = select(events).where(events.c.id > event).order_by(events.c.id).limit(limit)
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
-        with self._database.reading() as connection:
-            return [*_ROWS.list(connection, query)]
+        return [*self._database.read(_ROWS.list, query)]
 
     def latest(self, limit: int, campaign: int | None = None) -> list[Event]:
         """Return the newest events, newest first."""
         query = select(events).order_by(events.c.id.desc()).limit(limit)
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
-        with self._database.reading() as connection:
-            return [*_ROWS.list(connection, query)]
+        return [*self._database.read(_ROWS.list, query)]
 
     def newest(self, kinds: Collection[str]) -> list[Event]:
         """Return the newest event of these kinds of each running campaign, by campaign."""
@@ -102,8 +97,7 @@ class EventLog:
         )
         ids = select(newest.scalar_subquery()).where(campaigns.c.state == CampaignState.RUNNING)
         query = select(events).where(events.c.id.in_(ids)).order_by(events.c.campaign)
-        with self._database.reading() as connection:
-            return [*_ROWS.list(connection, query)]
+        return [*self._database.read(_ROWS.list, query)]
 
     def last(self) -> int:
         """Return the id of the newest event, or 0."""

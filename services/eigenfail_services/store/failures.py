@@ -17,7 +17,7 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.failures import FailureFilter
 from eigenfail.values.records import EpisodeRow, Page
 from eigenfail_services.store.codec import to_campaign, to_row
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.episodes import ROWS
 from eigenfail_services.store.listing import Expression, filter_campaigns
 from eigenfail_services.store.schema import (
@@ -85,11 +85,8 @@ class _Order(NamedTuple):
         return column < value if self.descending else column > value
 
 
-class FailureStore:
+class FailureStore(StorePart):
     """Collisions of all campaigns that are failures and have a severity."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def page(
         self,

@@ -5,7 +5,6 @@ import hashlib
 import msgspec
 from msgspec.structs import replace
 from sqlalchemy import Connection, insert, select
-from sqlalchemy.exc import IntegrityError
 
 from eigenfail.errors import NotFound
 from eigenfail.gate.report import GateReport, MemberReport
@@ -13,7 +12,7 @@ from eigenfail.gate.results import GateResult, GateSummary, make_result, summari
 from eigenfail.values.records import Page
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.schema import gates
 
@@ -22,11 +21,8 @@ _SUMMARIES = StructRows(gates, GateSummary, {"counts": msgspec.json.decode})
 _reports = msgspec.json.Decoder(GateReport)
 
 
-class GateStore:
+class GateStore(StorePart):
     """Results of gates, which never change."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def record(self, report: GateReport) -> GateSummary:
         """Store a report, and log its verdict.
@@ -34,13 +30,7 @@ class GateStore:
         A report that is stored already is returned as it is, and logged once, also if the file of
         the suite or the links differ.
         """
-        try:
-            with self._database.writing() as connection:
-                return _record_once(connection, report)
-        except IntegrityError:
-            # Another request stored the report at the same time: now it can be read.
-            with self._database.writing() as connection:
-                return _record_once(connection, report)
+        return self._database.write_once(_record_once, report)
 
     def get(self, gate: int) -> GateResult:
         """Return the result of a gate.
@@ -57,8 +47,7 @@ class GateStore:
 
     def page(self, limit: int, before: int | None = None) -> Page[GateSummary]:
         """Return results without their reports, newest first, with ids below `before`."""
-        with self._database.reading() as connection:
-            return _SUMMARIES.page(connection, limit, before)
+        return self._database.read(_SUMMARIES.page, limit, before)
 
 
 def _record_once(connection: Connection, report: GateReport) -> GateSummary:

@@ -1,7 +1,7 @@
 """Lists of episodes and of campaigns in SQL: what their filters and orders mean."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import msgspec
 import sqlalchemy as sa
@@ -10,7 +10,7 @@ from eigenfail import filters
 from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.episode import Outcome
-from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2, ConflictClass
+from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2, ConflictClass, Page
 from eigenfail_services.store.schema import (
     Number,
     PositionExpression,
@@ -223,6 +223,18 @@ _SORTED: dict[str, sa.ColumnElement[Any]] = {
     "cost_per_failure_usd": sa.case((campaigns.c.failures > 0, spent_usd / campaigns.c.failures)),
 }
 """Expressions by the names of orders."""
+
+
+Item = TypeVar("Item")
+
+
+def iterate_items(read: Callable[[int | None], Page[Item]]) -> Iterator[Item]:
+    """Yield the items of all pages of a list, given what reads the page behind a cursor."""
+    page = read(None)
+    yield from page.items
+    while page.next is not None:
+        page = read(page.next)
+        yield from page.items
 
 
 def sort_campaigns(

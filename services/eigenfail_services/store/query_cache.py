@@ -5,9 +5,9 @@ Results are only ever added, so an answer about results holds as long as their n
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import reduce
+from functools import partial, reduce
 from math import ceil
 from threading import Lock
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
@@ -20,8 +20,15 @@ from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.records import Totals
-from eigenfail.values.summary import MOST_SAMPLES, EpisodeSample
-from eigenfail_services.store.engine import Database
+from eigenfail.values.safety import MOST_POINTS, SafetyTotals
+from eigenfail.values.summary import (
+    MOST_LANDINGS,
+    MOST_SAMPLES,
+    BlockTotals,
+    EpisodeSample,
+    SpendingTotals,
+)
+from eigenfail_services.store.engine import Database, StorePart
 from eigenfail_services.store.schema import (
     campaigns,
     episode_index,
@@ -31,7 +38,14 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
-from eigenfail_services.store.totals import count_results, select_unresolved, sum_campaigns
+from eigenfail_services.store.totals import (
+    count_results,
+    select_unresolved,
+    sum_blocks,
+    sum_campaigns,
+    sum_safety,
+    sum_spending,
+)
 
 Answer = TypeVar("Answer")
 
@@ -117,7 +131,7 @@ More = ParamSpec("More")
 class _CountedCampaign(NamedTuple):
     """The number of results that a campaign of a store had when it was read."""
 
-    queries: "CachedQueries"
+    figures: "FigureStore"
     campaign: int
     results: int
 
@@ -126,11 +140,11 @@ class _CountedCampaign(NamedTuple):
 _COUNTED: ContextVar[_CountedCampaign | None] = ContextVar("counted campaign", default=None)
 
 
-class CachedQueries:
-    """Queries of campaigns' results, answered from a cache while no result was added.
+class FigureStore(StorePart):
+    """Sums over campaigns and their episodes, most from a cache while no result was added.
 
     A campaign that has ended is read once, and a running one once for all that look at it at the
-    same time.
+    same time. The number of queries does not depend on the number of campaigns.
 
     Args:
         database: the database of the campaigns.
@@ -138,7 +152,7 @@ class CachedQueries:
     """
 
     def __init__(self, database: Database, answers: AnswerCache) -> None:
-        self._database = database
+        super().__init__(database)
         self._answers = answers
         # Of their own: a list of campaigns would push all other answers out.
         self._totals = AnswerCache(MOST_TOTALS)
@@ -157,7 +171,62 @@ class CachedQueries:
         finally:
             _COUNTED.reset(token)
 
-    def once(
+    def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
+        """Return sums over failures, and episodes counted by the classes of `assess`; by campaign.
+
+        All campaigns that are not in the cache are read in one query.
+        """
+        counts = self._count(campaigns)
+        known = {each: self._totals.known(each, counts.get(each, 0)) for each in campaigns}
+        missing = [each for each, found in known.items() if found is None]
+        if missing:
+            fresh = self._database.read(sum_campaigns, missing)
+            for each, found in fresh.items():
+                self._totals.put(each, counts.get(each, 0), found)
+            known |= fresh
+        return known
+
+    def course(self, campaign: int, per: int) -> list[BlockTotals]:
+        """Return sums over the completed episodes of each block of `per` indices, in order."""
+        return self._ask_once(sum_blocks, campaign, per)
+
+    def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
+        """Return safety measures of the completed episodes, and at most `most` failures as points.
+
+        If more failures have a severity, the points are every k-th of them in index order from the
+        first one on, for the smallest sufficient k.
+        """
+        return self._ask_once(sum_safety, campaign, most)
+
+    def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
+        """Return the worker time in the episodes, and when they landed.
+
+        The progress is every k-th completed episode by the time that it was stored, then by
+        index, for the smallest k that leaves at most `most`; and the last one.
+        """
+        return self._ask_once(sum_spending, campaign, most)
+
+    def samples(self, campaign: int, most: int = MOST_SAMPLES) -> tuple[EpisodeSample, ...]:
+        """Return at most `most` of the completed episodes, evenly spread, in index order.
+
+        Their indices are multiples of k, for the smallest sufficient k up to the largest index that
+        has a result.
+        """
+        return self._ask_once(_read_samples, campaign, most)
+
+    def workers(self, campaign: int) -> tuple[WorkerShare, ...]:
+        """Return the workers' shares in a campaign's episodes, the largest first, then by name."""
+        return self._ask_once(_count_by_worker, campaign)
+
+    def workers_since(self, at_ms: int) -> tuple[WorkerShare, ...]:
+        """Return the shares of workers in the results since a moment, by campaign."""
+        return self._database.read(_count_by_worker_since, at_ms)
+
+    def pools(self) -> tuple[Pool, ...]:
+        """Return sums over campaigns with equal peers and method, the newest first."""
+        return self._database.read(_sum_pools)
+
+    def _ask_once(
         self,
         question: Callable[Concatenate[sa.Connection, int, More], Answer],
         campaign: int,
@@ -165,34 +234,16 @@ class CachedQueries:
         **options: More.kwargs,
     ) -> Answer:
         """Return the answer to a query of a campaign's results."""
-
-        def ask() -> Answer:
-            with self._database.reading() as connection:
-                return question(connection, campaign, *more, **options)
-
         key = (question.__name__, campaign, *more, *sorted(options.items()))
+        ask = partial(self._database.read, question, campaign, *more, **options)
         # No connection is held meanwhile: those who wait for the answer need none.
         return self._answers.get(key, self._count([campaign]).get(campaign, 0), ask)
 
-    def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
-        """Return the totals of several campaigns; all uncached ones are read in one query."""
-        counts = self._count(campaigns)
-        known = {each: self._totals.known(each, counts.get(each, 0)) for each in campaigns}
-        missing = [each for each, found in known.items() if found is None]
-        if missing:
-            with self._database.reading() as connection:
-                fresh = sum_campaigns(connection, missing)
-            for each, found in fresh.items():
-                self._totals.put(each, counts.get(each, 0), found)
-            known |= fresh
-        return known
-
     def _count(self, campaigns: Sequence[int]) -> dict[int, int]:
         counted = _COUNTED.get()
-        if counted and counted.queries is self and [*campaigns] == [counted.campaign]:
+        if counted and counted.figures is self and [*campaigns] == [counted.campaign]:
             return {counted.campaign: counted.results}
-        with self._database.reading() as connection:
-            return count_results(connection, campaigns)
+        return self._database.read(count_results, campaigns)
 
 
 def _read_samples(connection: sa.Connection, campaign: int, most: int) -> tuple[EpisodeSample, ...]:
@@ -350,44 +401,3 @@ def _read_shares(
     connection: sa.Connection, query: sa.Select[*tuple[Any, ...]]
 ) -> tuple[WorkerShare, ...]:
     return tuple(WorkerShare(**found) for found in connection.execute(query).mappings())
-
-
-class FigureStore:
-    """Sums over campaigns and their episodes.
-
-    The number of queries of each method does not depend on the number of campaigns.
-    """
-
-    def __init__(self, database: Database, cached: CachedQueries) -> None:
-        self._database = database
-        self._cached = cached
-
-    def as_of(self, campaign: Campaign) -> AbstractContextManager[None]:
-        """Return a context in which questions about a campaign do not count its results again."""
-        return self._cached.as_of(campaign)
-
-    def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
-        """Return `EpisodeStore.totals` of several campaigns, by id."""
-        return self._cached.totals(campaigns)
-
-    def samples(self, campaign: int, most: int = MOST_SAMPLES) -> tuple[EpisodeSample, ...]:
-        """Return at most `most` of the completed episodes, evenly spread, in index order.
-
-        Their indices are multiples of k, for the smallest sufficient k up to the largest index that
-        has a result.
-        """
-        return self._cached.once(_read_samples, campaign, most)
-
-    def workers(self, campaign: int) -> tuple[WorkerShare, ...]:
-        """Return the workers' shares in a campaign's episodes, the largest first, then by name."""
-        return self._cached.once(_count_by_worker, campaign)
-
-    def workers_since(self, at_ms: int) -> tuple[WorkerShare, ...]:
-        """Return the shares of workers in the results since a moment, by campaign."""
-        with self._database.reading() as connection:
-            return _count_by_worker_since(connection, at_ms)
-
-    def pools(self) -> tuple[Pool, ...]:
-        """Return sums over campaigns with equal peers and method, the newest first."""
-        with self._database.reading() as connection:
-            return _sum_pools(connection)

@@ -11,7 +11,7 @@ from eigenfail.values.operations import Pruning, Retention, Weight
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
-from eigenfail_services.store.engine import Database
+from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.errors import make_running_error
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.references import find_noise_in_use
@@ -36,11 +36,8 @@ _HAS_SCENE = scenes.c.campaign.is_not(None)
 _ROWS = StructRows(prunings, Pruning)
 
 
-class RetentionStore:
+class RetentionStore(StorePart):
     """Pruning of noise and scenes; rows, failures and every k-th episode stay."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def weigh(self, campaign: int, rule: Retention) -> Weight:
         """Return what a rule would delete now.
@@ -100,14 +97,12 @@ class RetentionStore:
 
     def in_use(self) -> frozenset[int]:
         """Return the campaigns whose noise a running campaign or analysis still needs."""
-        with self._database.reading() as connection:
-            return find_noise_in_use(connection)
+        return self._database.read(find_noise_in_use)
 
     def of(self, campaign: int) -> tuple[Pruning, ...]:
         """Return the prunings of a campaign, oldest first."""
         query = sa.select(prunings).where(prunings.c.campaign == campaign).order_by(prunings.c.id)
-        with self._database.reading() as connection:
-            return _ROWS.list(connection, query)
+        return self._database.read(_ROWS.list, query)
 
 
 def _select_with_blobs(*columns: sa.ColumnElement[Any]) -> Any:

@@ -10,7 +10,7 @@ from eigenfail.bridges import BridgeOffer
 from eigenfail.values.operations import Arrival, Presence
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import StructRows
-from eigenfail_services.store.engine import Database, chunks
+from eigenfail_services.store.engine import StorePart, chunks
 from eigenfail_services.store.schema import arrivals
 
 PRESENT_S = 15
@@ -32,14 +32,11 @@ _ROWS = StructRows(arrivals, Presence, {"versions": msgspec.json.decode})
 _offers = msgspec.json.Decoder(BridgeOffer)
 
 
-class Roster:
+class Roster(StorePart):
     """Workers that are and were connected; the newest arrivals are kept.
 
     Each method writes all or nothing.
     """
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     def arrived(self, arrivals: Sequence[Arrival]) -> list[int]:
         """Record that workers have connected; return their ids, rising, in the same order.
@@ -90,15 +87,13 @@ class Roster:
         """Return the workers that were heard since a moment and have not left, by name."""
         query = select(*_ROWS.columns).where(_is_here(since_ms))
         query = query.order_by(arrivals.c.worker, arrivals.c.id)
-        with self._database.reading() as connection:
-            return _ROWS.list(connection, query)
+        return self._database.read(_ROWS.list, query)
 
     def last(self, worker: str, at_ms: int) -> Presence | None:
         """Return the latest arrival under a name up to a moment, if it is still on record."""
         named = (arrivals.c.worker == worker) & (arrivals.c.arrived_ms <= at_ms)
         query = select(*_ROWS.columns).where(named).order_by(arrivals.c.id.desc()).limit(1)
-        with self._database.reading() as connection:
-            return _ROWS.first(connection, query)
+        return self._database.read(_ROWS.first, query)
 
 
 def _is_here(since_ms: int) -> ColumnElement[bool]:

@@ -1,16 +1,12 @@
 """`eigenfail db`: create, upgrade, check, back up, restore and thin out a database."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
-from rich.console import Group
-from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
 
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.options import Data, Database, Replay
@@ -18,7 +14,7 @@ from eigenfail.cli.render import CommandResult
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation import tables
 from eigenfail.progress import announce
 from eigenfail.values import operations
 
@@ -116,7 +112,10 @@ def verify(url: str, replay: Replay = 0) -> CommandResult:
 
     found = verification.verify(url, replay)
     return CommandResult(
-        found, lambda: _draw_verification(found), DEFECTS_FOUND if found.defects else 0
+        found,
+        _tabulate_checks(found.checks),
+        *_list_defects(found),
+        exit_code=DEFECTS_FOUND if found.defects else 0,
     )
 
 
@@ -132,7 +131,7 @@ def backup(url: str, file: File, force: Force = False) -> CommandResult:
     with announce(f"Writing {file}"):
         made = backups.backup(url, file, force=force)
     words = f"{made.file} holds all of {made.database} ({made.bytes} bytes)."
-    return CommandResult(made, lambda: escape(words))
+    return CommandResult(made, words)
 
 
 @app.command()
@@ -148,7 +147,7 @@ def restore(url: str, file: File, force: Force = False) -> CommandResult:
     with announce(f"Restoring {file}"):
         restored = backups.restore(url, file, force=force)
     words = f"{restored.database} holds what {restored.file} held (schema {restored.revision})."
-    return CommandResult(restored, lambda: escape(words))
+    return CommandResult(restored, words)
 
 
 @app.command()
@@ -174,7 +173,7 @@ def prune(
     kept = _retention(keep_every, source)
     with announce("Counting what would be removed" if dry_run else "Removing noise and scenes"):
         found = act(url, kept, which)
-    return CommandResult(found, lambda: _draw_pruning(found))
+    return CommandResult(found, *_describe_pruning(found))
 
 
 @app.command()
@@ -190,14 +189,14 @@ def vacuum(url: str) -> CommandResult:
     done = backups.vacuum(url)
     freed = max(0, done.bytes_before - done.bytes_after)
     words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."
-    return CommandResult(done, lambda: escape(words))
+    return CommandResult(done, words)
 
 
 def _show_revision(action: str, url: str, words: str) -> CommandResult:
     from eigenfail_services.store import migrate
 
     revision = migrate.read_version(url) or "empty"
-    return CommandResult({"action": action, "said": revision}, lambda: words.format(revision))
+    return CommandResult({"action": action, "said": revision}, words.format(revision))
 
 
 def _retention(keep_every: int, source: str) -> operations.Retention:
@@ -207,17 +206,15 @@ def _retention(keep_every: int, source: str) -> operations.Retention:
         raise InvalidValue("retention", f"{error}.") from None
 
 
-def _draw_verification(found: operations.Verification) -> Group:
-    return Group(_draw_checks(found.checks), *map(Text, _list_defects(found)))
-
-
-def _draw_checks(checks: tuple[operations.Check, ...]) -> Table:
-    grid = start_grid("", "check", "what holds", "defects", right={"defects"})
-    for each in checks:
-        mark = "wrong" if each.defects else "ok"
-        cells = (mark, each.name, each.promise, str(each.defects or "-"))
-        grid.add_row(*map(escape, cells))
-    return grid
+def _tabulate_checks(checks: Iterable[operations.Check]) -> tables.Table:
+    return tables.tabulate(
+        "Checks",
+        checks,
+        tables.read_text("", lambda check: "wrong" if check.defects else "ok"),
+        tables.read_text("Check", "name"),
+        tables.read_text("What holds", "promise"),
+        tables.read_number("Defects", lambda check: check.defects or "-"),
+    )
 
 
 def _list_defects(found: operations.Verification) -> Iterator[str]:
@@ -228,20 +225,21 @@ def _list_defects(found: operations.Verification) -> Iterator[str]:
             yield f"{each.name}: and {more} more."
 
 
-def _draw_pruning(found: operations.PruneReport) -> Group:
-    counted = {"episodes", "scenes", "bytes"}
-    grid = start_grid(
-        "campaign", "name", "episodes", "scenes", "bytes", right={"campaign", *counted}
-    )
-    for each in found.campaigns:
-        weight = each.weight
-        sums = (f"{weight.episodes:,}", f"{weight.scenes:,}", f"{weight.bytes:,}")
-        grid.add_row(str(each.campaign), escape(each.name), *sums)
-    in_use = ", ".join(map(str, found.in_use))
-    notes = [Text(f"Left alone, since others learn from them: {in_use}.")] if in_use else []
+def _describe_pruning(found: operations.PruneReport) -> Iterator[tables.Block]:
+    if found.campaigns:
+        yield tables.tabulate(
+            "Pruning",
+            found.campaigns,
+            tables.read_number("Campaign", lambda each: str(each.campaign)),
+            tables.read_text("Name", "name"),
+            tables.read_number("Episodes", "weight.episodes"),
+            tables.read_number("Scenes", "weight.scenes"),
+            tables.read_number("Bytes", "weight.bytes"),
+        )
+    if found.in_use:
+        yield f"Left alone, since others learn from them: {', '.join(map(str, found.in_use))}."
     whole, verb = found.weight, "would lose" if found.is_rehearsal else "lost"
-    sentence = (
+    yield (
         f"{whole.episodes:,} episodes {verb} their noise and {whole.scenes:,} scenes: "
         f"{whole.bytes:,} bytes."
     )
-    return Group(*[grid] * bool(found.campaigns), *notes, Text(sentence))

@@ -33,7 +33,7 @@ def test_a_page_that_asks_again_does_not_begin_its_later_part(store, http, monke
     campaign = running(store)
     deliver(store, campaign, collision(0))
     asked = []
-    spending = store.episodes.spending
+    spending = store.figures.spending
     monkeypatch.setattr(store.episodes, "spending", lambda *a: asked.append(a) or spending(*a))
     address = f"/campaigns/{campaign.id}"
     assert http.get(address, headers=HTML | {"HX-Request": "true"}).status_code == 200

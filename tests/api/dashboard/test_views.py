@@ -139,9 +139,9 @@ def test_columns_and_axes_name_metres_only_of_a_road(simulators, unit):
     assert chart.caption.endswith("; 0 m is a failure." if unit == " [m]" else "; 0 is a failure.")
     units = [
         next(
-            head.unit
+            head.column.unit
             for head in make_headings(one.campaign.spec, str, None)
-            if head.column == MEASURE
+            if head.column.name == MEASURE
         )
         for one in compared
     ]

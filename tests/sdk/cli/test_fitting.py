@@ -6,7 +6,8 @@ from rich.console import Console
 
 from eigenfail.cli.render import PLAIN_WIDTH
 from eigenfail.presentation.campaigns import tabulate_campaigns, tabulate_results
-from eigenfail.presentation.terminal import ALWAYS, render, start_grid
+from eigenfail.presentation.tables import Table, count_columns, name_columns
+from eigenfail.presentation.terminal import ALWAYS, render
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import Cost
@@ -76,19 +77,17 @@ def test_a_wide_screen_has_all_of_it():
 
 
 def test_columns_without_a_rank_go_from_the_right_and_the_first_ones_stay():
-    grid = start_grid(
-        *(f"column {number}" for number in range(9)), right=[f"column {n}" for n in range(9)]
-    )
-    grid.add_row(*["1"] * 9)
+    columns = count_columns(*(f"Column {number}" for number in range(9)))
+    grid = render(Table("", columns, (("1",) * 9,)))
     header = drawn(grid, 40)[0]
     assert header.split("column")[1:] == [" 0 ", " 1 ", " 2 ", " 3"]
     assert len(drawn(grid, 10)[0].split("column")) - 1 <= ALWAYS
 
 
 def test_texts_are_broken_between_words_before_a_column_goes():
-    grid = start_grid("what", "found")
-    grid.add_row("folder", "a remark that is far longer than the screen is wide, " * 2)
-    lines = drawn(grid, 40)
+    remark = "a remark that is far longer than the screen is wide, " * 2
+    table = Table("", name_columns("What", "Found"), (("folder", remark),))
+    lines = drawn(render(table), 40)
     assert lines[0].split() == ["what", "found"]
     assert len(lines) > 3
 

@@ -55,7 +55,7 @@ def test_an_impossible_measure_is_not_stored(store, campaign, lie):
     first, second = store.episodes.page(campaign, 50).items
     assert {getattr(first, name) for name in fields} == {None}
     assert (second.robustness_m, second.severity) == (None, None)
-    assert store.episodes.totals(campaign).severity is None
+    assert store.figures.totals([campaign])[campaign].severity is None
 
 
 @pytest.mark.fault("worker that reports impossible numbers")

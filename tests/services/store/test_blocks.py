@@ -39,7 +39,7 @@ def test_sums_of_blocks_do_not_depend_on_the_order_of_arrival(url) -> None:
         deliver(store, forwards, *crashes)
         for crash in reversed(crashes):
             deliver(store, backwards, crash)
-        found = [store.episodes.course(each.id, 5) for each in (forwards, backwards)]
+        found = [store.figures.course(each.id, 5) for each in (forwards, backwards)]
     assert found[0] == found[1]
     logs = [crash.noise.log_probability for crash in crashes]
     assert [block.log_probability for block in found[0]] == [sum(logs[:5]), sum(logs[5:])]

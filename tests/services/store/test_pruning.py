@@ -18,7 +18,7 @@ from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
-from eigenfail_services.campaigns.summary import find_safety, summarise
+from eigenfail_services.campaigns.summary import find_safety, find_summary
 from eigenfail_services.store import Store, open_store, retention
 from eigenfail_services.store.campaign_creation import create_campaign
 from eigenfail_services.store.engine import Database, find_backend
@@ -54,13 +54,13 @@ def filled(url) -> str:
 
 def figures(store: Store, campaign: int) -> list[object]:
     """What is told of a campaign."""
-    seen, episodes = store.campaigns.get(campaign), store.episodes
+    seen, episodes, sums = store.campaigns.get(campaign), store.episodes, store.figures
     return [
         seen,
-        summarise(seen, episodes.totals(campaign)),
+        find_summary(store, seen),
         find_safety(store, seen, 0.95),
-        episodes.course(campaign, 5),
-        episodes.spending(campaign),
+        sums.course(campaign, 5),
+        sums.spending(campaign),
         episodes.digest(campaign),
         [row.digest for row in episodes.page(campaign, COUNT).items],
     ]

@@ -17,7 +17,7 @@ from store_checks.examples import BEYOND, deliver, equal, running
 def sums_blocks(store: Store) -> None:
     """Blocks hold completed episodes by index, of one campaign alone, whatever came first."""
     campaign, other = running(store, episodes=20), running(store, episodes=20)
-    equal(store.episodes.course(campaign.id, 4), [], "The course of nothing")
+    equal(store.figures.course(campaign.id, 4), [], "The course of nothing")
     given = [
         *(safe(index, metres) for index, metres in ((0, 4.0), (1, 1.5), (3, 2.0))),
         make_errored_result(2),
@@ -29,7 +29,7 @@ def sums_blocks(store: Store) -> None:
     ]
     deliver(store, campaign, *reversed(given))
     deliver(store, other, collision(1), safe(2, 0.1))
-    blocks = store.episodes.course(campaign.id, 4)
+    blocks = store.figures.course(campaign.id, 4)
     crashes = [given[4], given[5]]
     log_p = fsum(crash.noise.log_probability for crash in crashes)
     equal(without_sums(blocks[0]), BlockTotals(0, 3, 0, 0.0, 0, 1.5, 2.0, errored=1), "Block 0")
@@ -37,8 +37,8 @@ def sums_blocks(store: Store) -> None:
     equal(without_sums(blocks[2]), BlockTotals(16, 1, 1, 0.0, 2, None, None), "Block 16")
     equal(len(blocks), 3, "Blocks with a completed episode")
     expect(isclose(blocks[1].log_probability, log_p), f"log p: {blocks[1].log_probability}.")
-    equal(len(store.episodes.course(campaign.id, 1)), 8, "Blocks of one episode")
-    equal([b.completed for b in store.episodes.course(campaign.id, 1000)], [8], "One block")
+    equal(len(store.figures.course(campaign.id, 1)), 8, "Blocks of one episode")
+    equal([b.completed for b in store.figures.course(campaign.id, 1000)], [8], "One block")
 
 
 def safe(index: int, metres: float) -> EpisodeResult:

@@ -61,12 +61,12 @@ def rows_are_assessed(store: Store) -> None:
 def counts_conflicts(store: Store) -> None:
     """Totals count classes and sum lead times, of one campaign alone."""
     campaign, other = running(store, episodes=30), running(store)
-    nothing = store.episodes.totals(campaign.id).conflicts
+    nothing = store.figures.totals([campaign.id])[campaign.id].conflicts
     equal(nothing, ConflictTotals(), "Conflicts of nothing")
     given = every_class()
     deliver(store, campaign, *given)
     deliver(store, other, collision(0), result(1))
-    found = store.episodes.totals(campaign.id).conflicts
+    found = store.figures.totals([campaign.id])[campaign.id].conflicts
     counted = (found.unavoidable, found.planner_failures, found.unclassified, found.near_misses)
     equal(counted, (2, 2, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
     equal(found.unresolved, 2, "Unresolved")

@@ -113,11 +113,11 @@ def tells_the_course_of_failures(store: Store) -> None:
 def sums_up_failures(store: Store) -> None:
     """Totals are sums over collisions alone."""
     campaign = running(store)
-    nothing = store.episodes.totals(campaign.id)
+    nothing = store.figures.totals([campaign.id])[campaign.id]
     equal((nothing.failures, nothing.log_probability, nothing.steps), (0, 0.0, 0), "No failures")
     crashes = [collision(4, steps=5), collision(2, steps=2)]
     deliver(store, campaign, *crashes, result(0), make_errored_result(1))
-    found = store.episodes.totals(campaign.id)
+    found = store.figures.totals([campaign.id])[campaign.id]
     equal((found.failures, found.steps, found.severity), (2, 7, 5.0), "Two failures")
     wanted = fsum(each.noise.log_probability for each in crashes)
     expect(isclose(found.log_probability, wanted), f"log p sums to {found.log_probability}.")

@@ -203,7 +203,7 @@ def keeps_no_number_that_is_none(store: Store) -> None:
     equal(rows[4].wall_s, 0.0, "A negative time")
     equal((rows[5].min_ttc_s, rows[5].max_jerk_mps3), (None, 0.0), "A negative measure")
     equal((rows[6].robustness_m, rows[6].severity), (None, None), "A negative robustness")
-    equal(store.episodes.totals(campaign.id).severity, None, "The sum over nothing")
+    equal(store.figures.totals([campaign.id])[campaign.id].severity, None, "The sum over nothing")
 
 
 def knows_the_shape_of_the_noise(store: Store) -> None:

@@ -17,7 +17,7 @@ def sums_up_many_campaigns(store: Store) -> None:
     wanted = [one.id, other.id, *BEYOND]
     for _ in range(2):
         found = store.figures.totals(wanted)
-        equal(found, {each: store.episodes.totals(each) for each in wanted}, "Totals")
+        equal(found, {each: store.figures.totals([each])[each] for each in wanted}, "Totals")
         deliver(store, one, collision(1), collision(2), result(3), make_errored_result(4))
         deliver(store, other, collision(0), result(5))
     found = store.figures.totals(wanted)
@@ -56,9 +56,9 @@ def answers_anew_after_results(store: Store) -> None:
     campaign = running(store, episodes=20)
     for count in range(3):
         completed = [
-            sum(block.completed for block in store.episodes.course(campaign.id, 5)),
-            store.episodes.safety(campaign.id).completed,
-            len(store.episodes.spending(campaign.id).progress),
+            sum(block.completed for block in store.figures.course(campaign.id, 5)),
+            store.figures.safety(campaign.id).completed,
+            len(store.figures.spending(campaign.id).progress),
             len(store.figures.samples(campaign.id)),
             sum(share.episodes for share in store.figures.workers(campaign.id)),
         ]

@@ -50,10 +50,10 @@ def counts_violations_as_failures(store: Store) -> None:
     counts = store.campaigns.get(campaign.id).counts
     equal((counts.completed, counts.failures, counts.errored), (3, 2, 1), "Counts")
     wanted = (RequirementTotals(3, 1, 0.0), RequirementTotals(3, 2, -0.5))
-    equal(store.episodes.safety(campaign.id).requirements, wanted, "Violations")
-    equal(store.episodes.totals(campaign.id).failures, 2, "Failures")
+    equal(store.figures.safety(campaign.id).requirements, wanted, "Violations")
+    equal(store.figures.totals([campaign.id])[campaign.id].failures, 2, "Failures")
     equal(store.episodes.failures(campaign.id).indices, (0, 2), "Indices of failures")
-    conflicts = store.episodes.totals(campaign.id).conflicts
+    conflicts = store.figures.totals([campaign.id])[campaign.id].conflicts
     found = (conflicts.unavoidable, conflicts.planner_failures, conflicts.unclassified)
     equal(sum(found), 1, "Classes of collisions")
 

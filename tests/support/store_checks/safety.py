@@ -37,15 +37,15 @@ def driven() -> list[EpisodeResult]:
 def sums_up_safety(store: Store) -> None:
     """Violations, medians and worst cases are over completed episodes, of one campaign alone."""
     campaign, other = running(store, episodes=20), running(store)
-    nothing = store.episodes.safety(campaign.id)
+    nothing = store.figures.safety(campaign.id)
     equal(plain(nothing), ((0, 0, MeasureTotals(), MeasureTotals()), []), "Of nothing")
     deliver(store, campaign, *reversed(driven()))
     deliver(store, other, result(0, measures=Measures(1.0, None, 0.125, 80.0)), collision(1))
-    found = store.episodes.safety(campaign.id)
+    found = store.figures.safety(campaign.id)
     ttc, drac = MeasureTotals(9, 6, 1.25, 0.5), MeasureTotals(3, 1, 7.0, 7.25)
     equal(plain(found), ((10, 5, ttc, drac), [9.0, 4.0, 1.0, 16.0]), "Safety")
     for who in BEYOND:
-        equal(store.episodes.safety(who).completed, 0, f"Episodes of {who}")
+        equal(store.figures.safety(who).completed, 0, f"Episodes of {who}")
 
 
 def plain(found: SafetyTotals) -> tuple[object, object]:
@@ -59,7 +59,7 @@ def shows_failures_as_points(store: Store) -> None:
     given = driven()
     deliver(store, campaign, *reversed(given))
     by_index = {each.index: each for each in given}
-    shown = {most: store.episodes.safety(campaign.id, most).points for most in (1, 2, 3, 4, 9)}
+    shown = {most: store.figures.safety(campaign.id, most).points for most in (1, 2, 3, 4, 9)}
     places = {most: [point.index for point in points] for most, points in shown.items()}
     every = {1: [1], 2: [1, 7], 3: [1, 7], 4: [1, 5, 7, 9], 9: [1, 5, 7, 9]}
     equal(places, every, "Points by their most")
@@ -102,12 +102,12 @@ def trials(store: Store, campaign: int, most: int = 100) -> list[tuple[int, bool
 def follows_progress(store: Store) -> None:
     """Worker time by what became of it; progress in the order in which results were stored."""
     campaign, other = running(store, episodes=20), running(store)
-    equal(store.episodes.spending(campaign.id), SpendingTotals(), "Spending of nothing")
+    equal(store.figures.spending(campaign.id), SpendingTotals(), "Spending of nothing")
     deliver(store, campaign, collision(7, wall_s=2.0), make_errored_result(1, wall_s=0.25))
     time.sleep(0.002)
     deliver(store, campaign, result(3), make_errored_result(4, wall_s=8.0), collision(2), result(5))
     deliver(store, other, collision(0))
-    found = store.episodes.spending(campaign.id)
+    found = store.figures.spending(campaign.id)
     equal((found.completed_worker_s, found.errored_worker_s), (3.5, 8.25), "Worker seconds")
     steps = [(each.completed, each.failures) for each in found.progress]
     equal(steps, [(1, 1), (2, 2), (3, 2), (4, 2)], "Progress, equal times by index")
@@ -115,10 +115,10 @@ def follows_progress(store: Store) -> None:
     times = [each.at_ms for each in found.progress]
     equal(times, [rows[index] for index in (7, 2, 3, 5)], "Their times")
     for most, wanted in ((1, [4]), (2, [2, 4]), (3, [2, 4]), (4, [1, 2, 3, 4])):
-        few = store.episodes.spending(campaign.id, most).progress
+        few = store.figures.spending(campaign.id, most).progress
         equal([each.completed for each in few], wanted, f"Progress at most {most} times")
     deliver(store, campaign, result(8))
-    odd = store.episodes.spending(campaign.id, 3).progress
+    odd = store.figures.spending(campaign.id, 3).progress
     equal([each.completed for each in odd], [2, 4, 5], "The last one is always there")
 
 

@@ -8,8 +8,6 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 from typer.core import TyperGroup
 
 from eigenfail.cli.connection import connect_to
@@ -125,7 +123,7 @@ def collect(
     said = CollectedEvidence(
         output=str(output), root_hash=bundle.manifest.sha256, argument=bundle.graph
     )
-    show(said, as_json, lambda: _draw_bundle(bundle, output))
+    show(said, as_json, *_list_lines(bundle, output))
     raise typer.Exit(EXIT_CODES[bundle.graph.verdict])
 
 
@@ -147,24 +145,22 @@ def verify(
         raise InvalidValue("--root-hash", problem, "Copy the line that was printed.")
     with announce(f"Verifying {bundle}"):
         checked = verify_bundle(bundle, root_hash, replay, seed)
-    show(checked, as_json, lambda: Group(*map(Text, _list_findings(checked))))
+    show(checked, as_json, *_list_findings(checked))
     raise typer.Exit(0 if checked.is_verified else TAMPERED)
 
 
-def _draw_bundle(bundle: EvidenceBundle, output: Path) -> RenderableType:
+def _list_lines(bundle: EvidenceBundle, output: Path) -> tuple[str, ...]:
     root_hash = bundle.manifest.sha256
     command = f"eigenfail evidence verify {quote(str(output))} --replay 10 --root-hash {root_hash}"
-    lines = (
+    return (
         describe_verdict(bundle.graph),
         "",
         *list_lines(bundle.graph),
         "",
         f"The bundle is {output}.",
         f"Root hash: {root_hash}",
+        f"Check it: {command}",
     )
-    # A command that is broken into lines cannot be copied from a terminal.
-    check = Text(f"Check it: {command}", no_wrap=True, overflow="ignore")
-    return Group(*map(Text, lines), check)
 
 
 def _list_findings(checked: EvidenceCheck) -> Iterator[str]:

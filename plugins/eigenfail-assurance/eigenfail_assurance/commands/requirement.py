@@ -1,12 +1,11 @@
 """Find the largest errors of the sensor at which failures stay rare enough."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from eigenfail.cli.connection import MaybeUrl, connect_for_campaign
 from eigenfail.cli.options import AsJson, Data, Seed, SpecFile, Workers
@@ -16,7 +15,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.files import write_new
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation.tables import Block, Table, count_columns, name_columns
 from eigenfail.settings import convert
 from eigenfail.suites import Suite
 from eigenfail.values.campaign import Campaign
@@ -133,7 +132,7 @@ def requirement(
         write_new(draft, format_page(spec, answer), "--output")
         draft.replace(output)
     report = RequirementReport(spec.planner, spec.scenario, spec.method, answer, conclusions)
-    show(report, as_json, lambda: _draw_report(report, output))
+    show(report, as_json, *_describe_report(report, output))
 
 
 def _check_output(output: Path, *, force: bool) -> None:
@@ -146,15 +145,16 @@ def _check_output(output: Path, *, force: bool) -> None:
         raise InvalidValue("--output", f"'{output}' exists already.", remedy)
 
 
-def _draw_report(report: RequirementReport, output: Path | None) -> RenderableType:
-    """For people."""
+def _describe_report(report: RequirementReport, output: Path | None) -> Iterator[Block]:
     answer = report.answer
-    anchors = start_grid(*sentences.ANCHOR_COLUMNS, right=sentences.ANCHOR_COLUMNS[1:-1])
-    for anchor in answer.anchors:
-        anchors.add_row(*sentences.list_anchor_row(anchor))
-    frontier = start_grid(*sentences.FRONTIER_COLUMNS)
-    for limit in answer.frontier:
-        frontier.add_row(*sentences.list_frontier_row(limit))
-    shown = (anchors, "", frontier, "") if answer.frontier else (anchors, "")
-    written = () if output is None else (Text(f"The page is {output}."),)
-    return Group(*shown, *map(Text, report.conclusions), *written)
+    first, *numbers, last = sentences.ANCHOR_COLUMNS
+    columns = (*name_columns(first), *count_columns(*numbers), *name_columns(last))
+    yield Table("Errors", columns, tuple(map(sentences.list_anchor_row, answer.anchors)))
+    yield ""
+    if answer.frontier:
+        rows = tuple(map(sentences.list_frontier_row, answer.frontier))
+        yield Table("Frontier", name_columns(*sentences.FRONTIER_COLUMNS), rows)
+        yield ""
+    yield from report.conclusions
+    if output is not None:
+        yield f"The page is {output}."

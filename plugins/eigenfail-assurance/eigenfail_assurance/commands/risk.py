@@ -14,7 +14,6 @@ from eigenfail.cli.render import show
 from eigenfail.client import Client
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.tables import Block
-from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail_assurance.risk.assessment import RiskAssessment, RiskVerdict
 from eigenfail_assurance.risk.client import assess_risk
@@ -70,7 +69,7 @@ def assess(
     """
     with connect_to(context, url) as client:
         found = _assess(client, read_risk_file(file))
-    show(found, as_json, lambda: render(*_list_blocks(found)))
+    show(found, as_json, *_list_blocks(found))
     raise typer.Exit(EXIT_CODES[found.verdict])
 
 
@@ -89,11 +88,7 @@ def allocate(
     question = replace(read_risk_file(file), episodes=episodes)
     with connect_to(context, url) as client:
         found = _assess(client, question)
-    show(
-        found.next,
-        as_json,
-        lambda: render(*describe_allocation(found.next), *list_limits(found)),
-    )
+    show(found.next, as_json, *describe_allocation(found.next), *list_limits(found))
 
 
 def _assess(client: Client, question: RiskQuestion) -> RiskAssessment:

@@ -22,8 +22,6 @@ from eigenfail_services.campaigns.summary import (
 )
 from eigenfail_services.store import Store
 
-PAGE = 100
-
 CHAINS = "chains"
 """The method whose failures after burn-in are samples of p(z | failure)."""
 
@@ -88,14 +86,8 @@ def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
     """
     if isinstance(reference, int):
         return store.campaigns.get(reference)
-    named: list[Campaign] = []
-    before: int | None = None
-    while True:
-        page = store.campaigns.page(PAGE, before, where=CampaignFilter(search=reference))
-        named += [each for each in page.items if each.spec.name == reference]
-        if page.next is None:
-            return pick_named(reference, named)
-        before = page.next
+    alike = store.campaigns.iterate(CampaignFilter(search=reference))
+    return pick_named(reference, [each for each in alike if each.spec.name == reference])
 
 
 def find_sampled(

@@ -104,7 +104,7 @@ def test_the_total_is_that_of_counts(eigenfail, write, two, store):
 
 def test_unresolved_episodes_are_failures_in_the_upper_bounds_alone(eigenfail, write, two, store):
     found = ask(eigenfail, write(1.0, cut_in=[two[0]], merge=[two[1]]), 0)
-    unresolved = [store.episodes.totals(each).conflicts.unresolved for each in two]
+    unresolved = [store.figures.totals([each])[each].conflicts.unresolved for each in two]
     assert sum(unresolved) > 0
     for scenario, of_one in zip(found["scenarios"], unresolved, strict=True):
         k, n = scenario["failures"], scenario["episodes"]

@@ -20,7 +20,7 @@ from eigenfail_reports.contents import Report, ReportTable
 from eigenfail_reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_reports.report import Made, make
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.summary import find_safety, summarise
+from eigenfail_services.campaigns.summary import find_safety, find_summary
 from eigenfail_services.comparison.seeds import find_spreads
 from eigenfail_services.store import Store, open_store
 
@@ -55,7 +55,7 @@ def test_a_campaign_without_failures_has_no_section_on_modes(store: Store, parse
     assert (row["failures"], row["cost_per_failure"], row["log_p_per_step"]) == (0, None, None)
     text = parse(made.html()).text
     assert "Campaign 2: no failure, so there is no mode." in text
-    cost = summarise(store.campaigns.get(2), store.episodes.totals(2)).cost
+    cost = find_summary(store, store.campaigns.get(2)).cost
     assert row["cost_per_failure_at_least"] == cost.at_least_usd
     assert f"≥ {format_amount(cost.at_least_usd)}" in text
 
@@ -72,7 +72,7 @@ def test_a_campaign_that_runs_or_waits_is_told_as_such(made: Made, page: Any) ->
 def test_the_numbers_are_those_of_the_store(made: Made, store: Store) -> None:
     for row in records(table(made.report, "results")):
         campaign = store.campaigns.get(row["campaign"])
-        summary = summarise(campaign, store.episodes.totals(campaign.id))
+        summary = find_summary(store, campaign)
         assert row["failures"] == summary.counts.failures
         assert row["severity"] == summary.mean_severity
         assert row["log_p_per_step"] == summary.log_probability_per_step
@@ -418,9 +418,7 @@ def test_the_failure_probability_of_monte_carlo_is_its_failure_rate(
     made: Made, store: Store, page: Any
 ) -> None:
     for row in records(table(made.report, "results")):
-        summary = summarise(
-            store.campaigns.get(row["campaign"]), store.episodes.totals(row["campaign"])
-        )
+        summary = find_summary(store, store.campaigns.get(row["campaign"]))
         rate = summary.failure_rate
         if rate is None:
             assert row["probability"] is row["probability_by"] is None
