@@ -142,7 +142,6 @@ ESCAPE = b"\\u"
 """What JSON of plain ASCII needs to write any other character."""
 
 Body = TypeVar("Body", bound=msgspec.Struct)
-StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
 Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
