@@ -20,6 +20,9 @@ from eigenfail.values.access import redact
 
 VARIABLE = "EIGENFAIL_LOG_FORMAT"
 
+Format = tuple[list[Any], logging.Formatter]
+"""What turns events of structlog into lines, and what formats the lines of other libraries."""
+
 
 class LossyStderr:
     """Standard error without secrets; text that cannot be written is dropped.
@@ -65,12 +68,16 @@ def configure(process: str) -> None:
     # A typing error must not silently give a log that no collector can read.
     if wanted not in FORMATS:
         raise InvalidValue(VARIABLE, f"'{wanted}' is not a valid log format.", "Use text or json.")
-    FORMATS[wanted](process, stream)
+    processors, formatter = FORMATS[wanted](process)
+    structlog.configure(processors=processors, logger_factory=structlog.PrintLoggerFactory(stream))
+    handler = Handler(stream)
+    handler.setFormatter(formatter)
+    logging.basicConfig(handlers=[handler])
     log = structlog.get_logger()
     report_uncaught(lambda error: log.error("uncaught error", exc_info=error))
 
 
-def _as_text(_process: str, stream: TextIO) -> None:
+def _as_text(_process: str) -> Format:
     import structlog
 
     lines = structlog.dev.ConsoleRenderer(
@@ -78,23 +85,18 @@ def _as_text(_process: str, stream: TextIO) -> None:
         # The library's own choice prints the values of variables, and so keys and passwords.
         exception_formatter=structlog.dev.plain_traceback,
     )
-    structlog.configure(
-        processors=[
-            structlog.contextvars.merge_contextvars,
-            structlog.processors.add_log_level,
-            structlog.processors.StackInfoRenderer(),
-            structlog.dev.set_exc_info,
-            structlog.processors.TimeStamper(fmt="%Y-%m-%d %H:%M:%S", utc=False),
-            lines,
-        ],
-        logger_factory=structlog.PrintLoggerFactory(stream),
-    )
-    handler = Handler(stream)
-    handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
-    logging.basicConfig(handlers=[handler])
+    processors = [
+        structlog.contextvars.merge_contextvars,
+        structlog.processors.add_log_level,
+        structlog.processors.StackInfoRenderer(),
+        structlog.dev.set_exc_info,
+        structlog.processors.TimeStamper(fmt="%Y-%m-%d %H:%M:%S", utc=False),
+        lines,
+    ]
+    return processors, logging.Formatter("%(levelname)s: %(message)s")
 
 
-def _as_json(process: str, stream: TextIO) -> None:
+def _as_json(process: str) -> Format:
     import structlog
 
     def named(_logger: Any, _method: str, event: dict[str, Any]) -> dict[str, Any]:
@@ -108,16 +110,11 @@ def _as_json(process: str, stream: TextIO) -> None:
         named,
     ]
     json = structlog.processors.JSONRenderer()
-    factory = structlog.PrintLoggerFactory(stream)
-    structlog.configure(processors=[*common, json], logger_factory=factory)
-    handler = Handler(stream)
-    handler.setFormatter(
-        structlog.stdlib.ProcessorFormatter(
-            foreign_pre_chain=common,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, json],
-        )
+    formatter = structlog.stdlib.ProcessorFormatter(
+        foreign_pre_chain=common,
+        processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, json],
     )
-    logging.basicConfig(handlers=[handler])
+    return [*common, json], formatter
 
 
-FORMATS: dict[str, Callable[[str, TextIO], None]] = {"text": _as_text, "json": _as_json}
+FORMATS: dict[str, Callable[[str], Format]] = {"text": _as_text, "json": _as_json}

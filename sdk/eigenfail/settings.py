@@ -10,11 +10,11 @@ import msgspec.inspect
 
 from eigenfail.errors import (
     EigenfailError,
+    InputError,
     InvalidValue,
     UnknownName,
     describe_error,
     find_hidden,
-    suggest_name,
 )
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
@@ -114,17 +114,18 @@ def convert(value: Any, kind: type[Converted], field: str = "") -> Converted:
     """Return plain data as a value of a type, such as a struct.
 
     Raises:
+        UnknownName: a struct has no field of that name; with the path of the struct.
         InvalidValue: with the path of the offending value below `field`.
     """
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        raise invalid_value(error, kind, value, field) from None
+        raise make_refusal(error, kind, value, field) from None
 
 
-def invalid_value(
+def make_refusal(
     error: msgspec.ValidationError, kind: type, given: Any, field: str = ""
-) -> InvalidValue:
+) -> InputError:
     """Return an error of msgspec in plain words, with the path of the value that it is about.
 
     Args:
@@ -141,9 +142,8 @@ def invalid_value(
     if missing := _MISSING.search(problem):
         path, problem = ".".join(filter(None, (path, missing["name"]))), "is required"
     elif named := _UNKNOWN.match(problem):
-        known = _list_known(kind, given, _STEP.findall(path), named)
-        remedy = suggest_name(named["name"], known) if known else ""
-        return InvalidValue(".".join(filter(None, (field, path))), f"{problem}.", remedy)
+        if known := _list_known(kind, given, _STEP.findall(path), named):
+            return UnknownName(".".join(filter(None, (field, path))), named["name"], known)
     elif wrong := _ENUM.match(problem):
         known = _list_choices(_list_types(kind, _STEP.findall(path)))
         problem = f"'{wrong['name']}' is none of {', '.join(known)}" if known else problem
@@ -157,7 +157,7 @@ def invalid_value(
 _PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`")
 _MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 _EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<bound>[^,]*)")
-_UNKNOWN = re.compile(r"(?:Object contains unknown field `|Invalid value ')(?P<name>[^`']+)[`']")
+_UNKNOWN = re.compile(r"(?s)(?:Object contains unknown field `|Invalid value ')(?P<name>.*)[`']")
 _ENUM = re.compile(r"Invalid enum value '(?P<name>[^']*)'")
 _STEP = re.compile(r"[^.\[\]]+|\.\.\.")
 _NAMES = {
@@ -238,7 +238,8 @@ def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str
     fitting = [
         each for each in structs if each.tag_field is None or tags.get(each.tag_field) == each.tag
     ]
-    return sorted({field.encode_name for each in fitting for field in each.fields})
+    own_tags = {each.tag_field for each in fitting if each.tag_field is not None}
+    return sorted(own_tags | {field.encode_name for each in fitting for field in each.fields})
 
 
 def _list_types(kind: type, path: Sequence[str]) -> list[Any]:

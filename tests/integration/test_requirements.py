@@ -195,8 +195,8 @@ def test_the_one_that_is_always_there_changes_nothing(client, lasting_worker) ->
 @pytest.mark.parametrize(
     ("requirement", "kind", "words"),
     [
-        ({"kind": "headway"}, InvalidValue, "Did you mean 'time_headway'"),
-        ({"kind": "time_headway", "at_least": 1.0}, InvalidValue, "Did you mean 'at_least_s'"),
+        ({"kind": "headway"}, UnknownName, "Did you mean 'time_headway'"),
+        ({"kind": "time_headway", "at_least": 1.0}, UnknownName, "Did you mean 'at_least_s'"),
         ({"kind": "formula", "formula": "always hedway_s > 1"}, UnknownName, "headway_s"),
         ({"kind": "formula", "formula": "always[0:99] headway_s > 1"}, InvalidValue, "ahead"),
         ({"kind": "measure", "measure": "ttc", "at_least": 1.0}, UnknownName, "min_ttc_s"),

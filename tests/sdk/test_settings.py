@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import convert, defaults_of, read_settings
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -105,4 +105,27 @@ def test_a_value_that_is_no_choice_is_shown_with_the_choices(
 ) -> None:
     with pytest.raises(InvalidValue) as refusal:
         convert(given, kind)
+    assert str(refusal.value).startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"stop": {"failuers": 3}}, "spec.stop: 'failuers' is not known. Did you mean 'failures'?"),
+        ({"na'm": 1}, "spec: 'na'm' is not known. Did you mean 'name'?"),
+        (
+            {"requirements": [{"kind": "headway"}]},
+            "spec.requirements[0].kind: 'headway' is not known. Did you mean 'time_headway'?",
+        ),
+        (
+            {"disturbance": {"channels": [{"name": "speed", "sgima": 1.0}]}},
+            "spec.disturbance.channels[0]: 'sgima' is not known. Did you mean 'sigma'?",
+        ),
+    ],
+)
+def test_an_unknown_name_is_refused_with_those_that_may_be_meant(
+    given: dict[str, object], words: str
+) -> None:
+    with pytest.raises(UnknownName) as refusal:
+        convert({"name": "n", "method": "m", "episodes": 1, **given}, CampaignSpec, "spec")
     assert str(refusal.value).startswith(words)

@@ -16,7 +16,7 @@ from eigenfail.contracts import MethodTraits
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.methods import Hold, archive, robustness_m
 
 Array = NDArray[np.float64]
 
@@ -42,9 +42,7 @@ class AnnealingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     failure, and they differ less.
     """
 
-    hold: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
-    ] = 10
+    hold: Hold = 10
     scale: Annotated[
         float,
         msgspec.Meta(

@@ -17,7 +17,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.methods import Hold, archive, robustness_m
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
@@ -45,9 +45,7 @@ class OptunaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         Sampler,
         msgspec.Meta(description="`tpe` (at most 5,000 episodes), `gp` (500) or `nsga2` (20,000)"),
     ] = "tpe"
-    hold: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
-    ] = 10
+    hold: Hold = 10
     amplitude: Annotated[
         float, msgspec.Meta(gt=0.0, le=10.0, description="bound of the values [sigma]")
     ] = 2.0

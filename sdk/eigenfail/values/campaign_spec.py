@@ -148,6 +148,12 @@ class SpecField(msgspec.Struct, frozen=True, kw_only=True):
     changes_episodes: bool = True
 
 
+class RecordField(SpecField, frozen=True, kw_only=True):
+    """A field in which campaigns with the same episodes may differ."""
+
+    changes_episodes: bool = False
+
+
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Specification of a campaign as requested by the user.
 
@@ -177,9 +183,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     name: Annotated[
         Name,
-        SpecField(
-            help="Name of the campaign in lists.", section=Section.CAMPAIGN, changes_episodes=False
-        ),
+        RecordField(help="Name of the campaign in lists.", section=Section.CAMPAIGN),
     ]
     method: Annotated[Name, SpecField(help="Search method that chooses the disturbances.")]
     episodes: Annotated[
@@ -229,39 +233,31 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     price_usd_per_hour: Annotated[
         float,
         msgspec.Meta(ge=0.0, le=100_000.0),
-        SpecField(
-            help="Price of one instance.",
-            section=Section.RECORDS,
-            label="price [USD/h]",
-            changes_episodes=False,
-        ),
+        RecordField(help="Price of one instance.", section=Section.RECORDS, label="price [USD/h]"),
     ] = 1.20
     instances: Annotated[
         int,
         msgspec.Meta(ge=1, le=100_000),
-        SpecField(
+        RecordField(
             help="Number of instances that the campaign occupies while it runs.",
             section=Section.RECORDS,
             label="instances",
-            changes_episodes=False,
         ),
     ] = 1
     scene_every: Annotated[
         int,
         msgspec.Meta(ge=1, le=MAX_EPISODES),
-        SpecField(
+        RecordField(
             help="Besides all failures, the scene of every n-th episode is kept.",
             section=Section.RECORDS,
             label="scene kept every",
-            changes_episodes=False,
         ),
     ] = 50
     priority: Annotated[
         Priority,
-        SpecField(
+        RecordField(
             help="Share of the workers beside other campaigns, and place in the queue.",
             section=Section.RECORDS,
-            changes_episodes=False,
         ),
     ] = Priority.NORMAL
     # Absent from texts, keys and digests where it is not given, as there was no such field once.
@@ -283,27 +279,18 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = msgspec.UNSET
     planner_version: Annotated[
         PlannerVersion | msgspec.UnsetType,
-        SpecField(
+        RecordField(
             help="Version of the planner, such as a commit: letters, digits and . _ + / -.",
             section=Section.CAMPAIGN,
-            changes_episodes=False,
         ),
     ] = msgspec.UNSET
     project: Annotated[
         Project | msgspec.UnsetType,
-        SpecField(
-            help="Project that the campaign belongs to.",
-            section=Section.CAMPAIGN,
-            changes_episodes=False,
-        ),
+        RecordField(help="Project that the campaign belongs to.", section=Section.CAMPAIGN),
     ] = msgspec.UNSET
     tags: Annotated[
         Annotated[tuple[Tag, ...], msgspec.Meta(max_length=MOST_TAGS)] | msgspec.UnsetType,
-        SpecField(
-            help="Words by which campaigns are found.",
-            section=Section.CAMPAIGN,
-            changes_episodes=False,
-        ),
+        RecordField(help="Words by which campaigns are found.", section=Section.CAMPAIGN),
     ] = msgspec.UNSET
 
     @property

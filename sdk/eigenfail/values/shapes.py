@@ -38,7 +38,11 @@ MOST_LIKELY = 0.5
 Correlation = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]
 
 
-class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="white"):
+class ShapeStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind"):
+    """A shape as it stands in a campaign: its kind, and its own fields."""
+
+
+class White(ShapeStruct, frozen=True, tag="white"):
     """The paper's noise: normal, and independent at every step. u = z."""
 
     def step(self, z: Row, _before: Row | None, _sigma: Row) -> Row:
@@ -58,9 +62,7 @@ class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         return "white: normal, independent at every step"
 
 
-class Correlated(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="ar1"
-):
+class Correlated(ShapeStruct, frozen=True, tag="ar1"):
     """An autoregressive process of order one on each of two axes, stationary from its first step.
 
     u_0 = z_0, u_t = phi · u_{t-1} + sqrt(1 - phi²) · z_t (Box and Jenkins, Time Series Analysis,
@@ -112,9 +114,7 @@ class Correlated(
         return f"ar1: normal, correlated from step to step by {by}"
 
 
-class HeavyTailed(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="student_t"
-):
+class HeavyTailed(ShapeStruct, frozen=True, tag="student_t"):
     """Student's t in unit variance, independent at every step: outliers are part of the sensor.
 
     u = T⁻¹(Φ(z)) · sqrt((nu - 2) / nu), with T the distribution function for nu degrees of freedom
@@ -155,9 +155,7 @@ Shape = White | Correlated | HeavyTailed
 """Shapes of the noise of a position, on both axes."""
 
 
-class Autoregressive(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="ar1"
-):
+class Autoregressive(ShapeStruct, frozen=True, tag="ar1"):
     """The process of `Correlated` on one channel.
 
     Attributes:
@@ -196,9 +194,7 @@ class Autoregressive(
         return f"ar1: normal, correlated from step to step by {self.correlation:g}"
 
 
-class Markov(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="markov"
-):
+class Markov(ShapeStruct, frozen=True, tag="markov"):
     """An event that begins and ends: a Markov chain of two states (Norris 1997, 1.1).
 
     u_t = 1, the event lasts, where z_t > Phi⁻¹(1 - P(u_t = 1 | u_{t-1})), else 0. So u is
@@ -321,7 +317,7 @@ def _find_mean_z(u: float, probability: float) -> float:
     return density / probability if u >= 0.5 else -density / (1.0 - probability)
 
 
-class Once(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="once"):
+class Once(ShapeStruct, frozen=True, tag="once"):
     """One draw for the whole episode: u_t = z_0. Later z are without effect."""
 
     def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
@@ -351,9 +347,7 @@ ChannelShape = White | Autoregressive | HeavyTailed | Markov | Once
 """Shapes of the noise of one channel."""
 
 
-class PerChannel(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="per_channel"
-):
+class PerChannel(ShapeStruct, frozen=True, tag="per_channel"):
     """A shape for each channel, in the order of the columns of z."""
 
     shapes: tuple[ChannelShape, ...]

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
@@ -26,7 +26,7 @@ from eigenfail.errors import (
     Unauthorized,
     UnknownName,
 )
-from eigenfail.settings import Ordinal, convert, invalid_value, refuse_hidden
+from eigenfail.settings import Ordinal, convert, make_refusal, refuse_hidden
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
 from eigenfail.values.campaign_spec import CampaignSpec, Settings
@@ -142,7 +142,6 @@ ESCAPE = b"\\u"
 """What JSON of plain ASCII needs to write any other character."""
 
 Body = TypeVar("Body", bound=msgspec.Struct)
-StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
 Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
@@ -258,13 +257,10 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
     try:
         body = msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
-        # msgspec stops at the first wrong value; an unknown name explains more, and is looked
-        # for first.
         given = msgspec.UNSET
-        with suppress(*NOT_JSON):
+        with suppress(*NOT_JSON):  # what follows the wrong value has not been read
             given = msgspec.json.decode(data or b"{}")
-            refuse_unknown_fields(given, kind)
-        raise invalid_value(error, kind, given) from None
+        raise make_refusal(error, kind, given) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
     # Only such bodies can hold invisible characters; all others are not read a second time.
@@ -296,9 +292,7 @@ def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
         UnknownName: a field is unknown.
         InvalidValue: a value has the wrong type, is out of bounds, or is missing.
     """
-    plain = make_plain(given)
-    refuse_unknown_fields(plain, kind)
-    return convert(plain, kind)
+    return convert(make_plain(given), kind)
 
 
 def make_plain(given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
@@ -331,49 +325,6 @@ def _make_builtin(value: object) -> Any:
     if isinstance(value, Sequence):
         return list(value)
     raise TypeError(f"an object of type {type(value).__name__} is not plain data")
-
-
-def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "") -> None:
-    """Check that all names in plain data are fields of a struct, or of a struct inside it.
-
-    Raises:
-        UnknownName: the first name that is none, with the known ones.
-    """
-    if not isinstance(given, dict):
-        return
-    tag = kind.__struct_config__.tag_field
-    known = kind.__struct_fields__ if tag is None else (tag, *kind.__struct_fields__)
-    for name in given:
-        if name not in known:
-            raise UnknownName(field, name, known)
-    for name, kinds in _list_inner_structs(kind):
-        path = f"{field}.{name}" if field else name
-        for inner in _select_kinds(given.get(name), kinds, path):
-            refuse_unknown_fields(given.get(name), inner, path)
-
-
-def _list_inner_structs(kind: StructType) -> Iterator[tuple[str, tuple[StructType, ...]]]:
-    """Yield the fields of a struct that hold structs, with the kinds that each may hold."""
-    for field in msgspec.structs.fields(kind):
-        kinds = get_args(field.type) or (field.type,)
-        if all(isinstance(each, type) and issubclass(each, msgspec.Struct) for each in kinds):
-            yield field.name, kinds
-
-
-def _select_kinds(given: Any, kinds: tuple[StructType, ...], field: str) -> tuple[StructType, ...]:
-    """Return the kinds that a value can be: where kinds have tags, the kind of the value's tag.
-
-    Raises:
-        UnknownName: no kind has the tag.
-    """
-    tag = kinds[0].__struct_config__.tag_field
-    if tag is None or not isinstance(given, dict):
-        return kinds
-    known = {str(kind.__struct_config__.tag): kind for kind in kinds}
-    wanted = given.get(tag)
-    if isinstance(wanted, str) and wanted not in known:
-        raise UnknownName(f"{field}.{tag}", wanted, known)
-    return tuple(kind for name, kind in known.items() if name == wanted)
 
 
 MAX_CAMPAIGNS_AT_ONCE = 500

@@ -1,11 +1,21 @@
 """The methods: learners that choose disturbances, pure and testable with no service around them."""
 
 from math import nan
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
+
+from msgspec import Meta
 
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.estimates import ChainMixing
+
+Id = Annotated[int, Meta(ge=1)]
+Amount = Annotated[int, Meta(ge=1, le=100_000)]
+UpToOne = Annotated[float, Meta(gt=0.0, le=1.0)]
+UpToTen = Annotated[float, Meta(gt=0.0, le=10.0)]
+RoundSize = Annotated[Amount, Meta(description="episodes in a round at most")]
+Hold = Annotated[int, Meta(ge=1, le=10_000, description="steps for which a value is held")]
+"""Types of settings that several methods have."""
 
 
 @runtime_checkable

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from msgspec.structs import astuple
 from numpy.typing import NDArray
 
@@ -14,7 +15,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.methods import UpToOne, UpToTen, archive, robustness_m
 from eigenfail_services.statistics.importance import WeightedFailures, explain_nothing_counted
 
 Array = NDArray[np.float64]
@@ -154,9 +155,6 @@ ADVICE = (
 )
 
 
-Smoothing = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
-
-
 class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `cem`. It starts from the prior: mean 0, standard deviation 1 [sigma].
 
@@ -164,30 +162,22 @@ class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     deviation may fall to sqrt(1/2), importance weights have no finite variance.
     """
 
-    batch: Annotated[int, msgspec.Meta(ge=2, le=100_000, description="episodes in a round")] = 20
+    batch: Annotated[int, Meta(ge=2, le=100_000, description="episodes in a round")] = 20
     elite_share: Annotated[
-        float, msgspec.Meta(gt=0.0, lt=1.0, description="share of a round that is learnt from")
+        float, Meta(gt=0.0, lt=1.0, description="share of a round that is learnt from")
     ] = 0.1
     mean_smoothing: Annotated[
-        Smoothing, msgspec.Meta(description="of the way to the elite's mean, this much is gone")
+        UpToOne, Meta(description="of the way to the elite's mean, this much is gone")
     ] = 0.7
-    std_smoothing: Annotated[
-        Smoothing, msgspec.Meta(description="the same for the standard deviation")
-    ] = 0.3
-    min_std: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1.0, description="smallest standard deviation [sigma]")
-    ] = 0.9
+    std_smoothing: Annotated[UpToOne, Meta(description="the same for the standard deviation")] = 0.3
+    min_std: Annotated[UpToOne, Meta(description="smallest standard deviation [sigma]")] = 0.9
     max_std: Annotated[
-        float, msgspec.Meta(ge=1.0, le=10.0, description="largest standard deviation [sigma]")
+        float, Meta(ge=1.0, le=10.0, description="largest standard deviation [sigma]")
     ] = 1.0
-    max_mean: Annotated[
-        float, msgspec.Meta(gt=0.0, le=10.0, description="largest |mean| [sigma]")
-    ] = 2.0
+    max_mean: Annotated[UpToTen, Meta(description="largest |mean| [sigma]")] = 2.0
     mean_window: Annotated[
         int,
-        msgspec.Meta(
-            ge=1, le=10_000, description="steps over which moves of the mean are averaged"
-        ),
+        Meta(ge=1, le=10_000, description="steps over which moves of the mean are averaged"),
     ] = 9
 
 

@@ -6,13 +6,14 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.methods import Hold, UpToOne, UpToTen, archive, robustness_m
 from eigenfail_services.methods.evolution import (
     Array,
     SearchDistribution,
@@ -31,46 +32,35 @@ class CmaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     regions, and fewer give each run more generations, after which its failures are likelier.
     """
 
-    hold: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
-    ] = 10
+    hold: Hold = 10
     runs: Annotated[
-        int, msgspec.Meta(ge=1, le=100, description="runs that take turns, each with its own start")
+        int, Meta(ge=1, le=100, description="runs that take turns, each with its own start")
     ] = 5
     population: Annotated[
-        int, msgspec.Meta(ge=4, le=10_000, description="episodes in a generation of a run")
+        int, Meta(ge=4, le=10_000, description="episodes in a generation of a run")
     ] = 12
     first_spread: Annotated[
         float,
-        msgspec.Meta(
+        Meta(
             ge=0.0,
             le=10.0,
             description="standard deviation of the means that runs start from [sigma]",
         ),
     ] = 0.7
     first_step: Annotated[
-        float,
-        msgspec.Meta(
-            gt=0.0, le=10.0, description="standard deviation of a run's first generation [sigma]"
-        ),
+        UpToTen, Meta(description="standard deviation of a run's first generation [sigma]")
     ] = 0.7
     max_std: Annotated[
         float,
-        msgspec.Meta(
-            ge=0.1, le=100.0, description="largest standard deviation of a generation [sigma]"
-        ),
+        Meta(ge=0.1, le=100.0, description="largest standard deviation of a generation [sigma]"),
     ] = 1.0
     converged: Annotated[
-        float,
-        msgspec.Meta(
-            gt=0.0,
-            le=1.0,
-            description="a run starts anew once its largest standard deviation is less [sigma]",
-        ),
+        UpToOne,
+        Meta(description="a run starts anew once its largest standard deviation is less [sigma]"),
     ] = 0.05
     failing_share: Annotated[
         float,
-        msgspec.Meta(
+        Meta(
             ge=0.0,
             le=1.0,
             description="share of a generation that is to fail: with less its failures rank equal",

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from eigenfail import plugins
 from eigenfail.contracts import Estimator, Exploiter, Learner, MethodTraits, Trained
@@ -25,14 +26,14 @@ from eigenfail_services.statistics.pooled_estimate import pool_estimates
 class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `ensemble`: each member has the same method and settings, and its own seed."""
 
-    method: Annotated[str, msgspec.Meta(description="of every member")] = "ast"
+    method: Annotated[str, Meta(description="of every member")] = "ast"
     members: Annotated[
-        int, msgspec.Meta(ge=2, le=16, description="learners that share the episodes evenly")
+        int, Meta(ge=2, le=16, description="learners that share the episodes evenly")
     ] = 4
-    settings: Annotated[dict[str, Any], msgspec.Meta(description="of the members' method")] = {}
+    settings: Annotated[dict[str, Any], Meta(description="of the members' method")] = {}
     judged: Annotated[
         int,
-        msgspec.Meta(
+        Meta(
             ge=0,
             le=1_000_000,
             description="last episodes, in which members are judged, so that `evaluate` uses the "
@@ -207,14 +208,14 @@ class Ensemble:
             records: what each member did in such episodes.
         """
 
-        turn: Annotated[int, msgspec.Meta(ge=0)]
-        number: Annotated[int, msgspec.Meta(ge=0)]
+        turn: Annotated[int, Meta(ge=0)]
+        number: Annotated[int, Meta(ge=0)]
         waiting: tuple[int, ...]
         left: tuple[int, ...]
         policies: bytes
         learners: tuple[bytes, ...]
         unjudged: tuple[int, ...]
-        judging: Annotated[int, msgspec.Meta(ge=0)]
+        judging: Annotated[int, Meta(ge=0)]
         records: tuple[JudgingRecord, ...]
 
     def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:

@@ -5,6 +5,7 @@ from typing import Annotated, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from eigenfail import contracts, plugins
 from eigenfail.errors import InvalidValue
@@ -12,7 +13,7 @@ from eigenfail.settings import read_settings
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Predecessor, Proposal, count_rounds_ahead
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import RoundSize, archive
 from eigenfail_services.statistics.importance import WeightedFailures
 
 
@@ -35,12 +36,8 @@ class Weigher(Protocol):
 class EvaluateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `evaluate`."""
 
-    campaign: Annotated[
-        int, msgspec.Meta(ge=1, description="the campaign whose knowledge is evaluated")
-    ]
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-    ] = 20
+    campaign: Annotated[int, Meta(ge=1, description="the campaign whose knowledge is evaluated")]
+    round_size: RoundSize = 20
 
 
 class Evaluate:
@@ -67,7 +64,7 @@ class Evaluate:
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """State: number of proposed episodes, state of the earlier learner, and sums."""
 
-        proposed: Annotated[int, msgspec.Meta(ge=0)]
+        proposed: Annotated[int, Meta(ge=0)]
         learner: bytes
         sums: WeightedFailures
 

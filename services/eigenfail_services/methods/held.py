@@ -9,27 +9,24 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import Hold, RoundSize, archive
 
 
 class HeldNoiseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `held`."""
 
-    hold: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
-    ] = 10
+    hold: Hold = 10
     scale: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=100.0, description="standard deviation of the values [sigma]"),
+        Meta(gt=0.0, le=100.0, description="standard deviation of the values [sigma]"),
     ] = 1.0
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-    ] = 100
+    round_size: RoundSize = 100
 
 
 class HeldNoise:

@@ -5,14 +5,14 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import structs
+from msgspec import Meta, structs
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import Id, RoundSize, archive
 from eigenfail_services.methods.minimal_search import (
     NOT_RUN,
     SAFE,
@@ -23,26 +23,20 @@ from eigenfail_services.methods.minimal_search import (
     start_search,
 )
 
-Id = Annotated[int, msgspec.Meta(ge=1)]
-
 
 class MinimalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `minimal`: name an episode of a campaign, or a mode of an analysis."""
 
-    campaign: Annotated[
-        Id | None, msgspec.Meta(description="shrink a failure of this campaign")
-    ] = None
+    campaign: Annotated[Id | None, Meta(description="shrink a failure of this campaign")] = None
     episode: Annotated[
-        Annotated[int, msgspec.Meta(ge=0)] | None,
-        msgspec.Meta(description="of that campaign; it ended in a collision"),
+        Annotated[int, Meta(ge=0)] | None,
+        Meta(description="of that campaign; it ended in a collision"),
     ] = None
-    analysis: Annotated[
-        Id | None, msgspec.Meta(description="shrink an eigenfailure of this analysis")
-    ] = None
-    mode: Annotated[Id | None, msgspec.Meta(description="of that analysis, counted from 1")] = None
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="replays in a round at most")
-    ] = 500
+    analysis: Annotated[Id | None, Meta(description="shrink an eigenfailure of this analysis")] = (
+        None
+    )
+    mode: Annotated[Id | None, Meta(description="of that analysis, counted from 1")] = None
+    round_size: RoundSize = 500
 
 
 class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -56,7 +50,7 @@ class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """
 
     phase: SearchPhase
-    width: Annotated[int, msgspec.Meta(ge=1)]
+    width: Annotated[int, Meta(ge=1)]
     removable: tuple[int, ...]
     low: float
     high: float

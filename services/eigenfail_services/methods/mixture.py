@@ -4,11 +4,13 @@ from math import inf, log10
 from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext
+from eigenfail_services.methods import RoundSize
 from eigenfail_services.methods.batch_learner import BatchLearner, check_values
 from eigenfail_services.statistics import mixture_sampling, pooled_estimate
 from eigenfail_services.statistics.intervals import log_normal
@@ -38,11 +40,9 @@ class MixtureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Settings of `mixture`."""
 
     components: Annotated[
-        int, msgspec.Meta(ge=1, le=20, description="normals around failure regions at most")
+        int, Meta(ge=1, le=20, description="normals around failure regions at most")
     ] = 8
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round at most")
-    ] = 10_000
+    round_size: RoundSize = 10_000
 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if the budget is too small."""

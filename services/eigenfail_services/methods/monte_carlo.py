@@ -1,14 +1,13 @@
 """Direct Monte Carlo: every disturbance from the disturbance model itself; the baseline."""
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import msgspec
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.values.episode import EpisodeResult, PriorSource
 from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import RoundSize, archive
 
 
 class MonteCarlo:
@@ -21,9 +20,7 @@ class MonteCarlo:
     class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Settings of `monte_carlo`."""
 
-        round_size: Annotated[
-            int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-        ] = 100
+        round_size: RoundSize = 100
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """State without fields."""

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
@@ -19,7 +20,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail.values.proof import ReplayKind
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import Id, archive
 
 GRID = 8
 """Parts of the way from centre to medoid whose ends are tried: t = 1/8, 2/8, … 7/8."""
@@ -30,7 +31,6 @@ HALVINGS = 6
 MOST_EPISODES = GRID + HALVINGS
 """Of one mode: the centre, the other points of the grid, and the halvings."""
 
-Id = Annotated[int, msgspec.Meta(ge=1)]
 Tried = Mapping[float, bool]
 """Whether an episode failed, by t."""
 
@@ -118,14 +118,14 @@ def place_trials(modes: int, outcomes: Sequence[bool]) -> list[Trial]:
 class NearestSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `nearest`."""
 
-    analysis: Annotated[Id, msgspec.Meta(description="whose modes are searched")]
+    analysis: Annotated[Id, Meta(description="whose modes are searched")]
     modes: Annotated[
         tuple[Id, ...],
-        msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
+        Meta(description="of that analysis, counted from 1; none given: all"),
     ] = ()
     what: Annotated[
         tuple[ReplayKind, ...],
-        msgspec.Meta(description="the two ends of a way: eigenfailure, then medoid"),
+        Meta(description="the two ends of a way: eigenfailure, then medoid"),
     ] = (ReplayKind.EIGENFAILURE, ReplayKind.MEDOID)
 
 

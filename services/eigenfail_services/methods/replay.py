@@ -5,47 +5,40 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
 from eigenfail.values.proof import ReplayKind
-from eigenfail_services.methods import archive
-
-Id = Annotated[int, msgspec.Meta(ge=1)]
+from eigenfail_services.methods import Amount, Id, RoundSize, archive
 
 
 class ReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `replay`: name an analysis (its modes) or a campaign (its noise)."""
 
-    analysis: Annotated[Id | None, msgspec.Meta(description="replay what this analysis found")] = (
-        None
-    )
+    analysis: Annotated[Id | None, Meta(description="replay what this analysis found")] = None
     what: Annotated[
         tuple[ReplayKind, ...],
-        msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
+        Meta(min_length=1, description="of that analysis, mode by mode of each"),
     ] = (ReplayKind.EIGENFAILURE,)
     modes: Annotated[
         tuple[Id, ...],
-        msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
+        Meta(description="of that analysis, counted from 1; none given: all"),
     ] = ()
     campaign: Annotated[
-        Id | None, msgspec.Meta(description="replay the noise of this campaign's episodes")
+        Id | None, Meta(description="replay the noise of this campaign's episodes")
     ] = None
     episodes: Annotated[
-        tuple[Annotated[int, msgspec.Meta(ge=0)], ...],
-        msgspec.Meta(description="of that campaign; none given: all of its failures"),
+        tuple[Annotated[int, Meta(ge=0)], ...],
+        Meta(description="of that campaign; none given: all of its failures"),
     ] = ()
-    repeats: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="passes through the trajectories")
-    ] = 1
+    repeats: Annotated[Amount, Meta(description="passes through the trajectories")] = 1
     scale: Annotated[
-        float, msgspec.Meta(ge=0.0, le=10.0, description="the noise is multiplied by this")
+        float, Meta(ge=0.0, le=10.0, description="the noise is multiplied by this")
     ] = 1.0
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="episodes in a round")
-    ] = 100
+    round_size: RoundSize = 100
 
 
 class Replay:
@@ -64,7 +57,7 @@ class Replay:
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """State: number of proposed episodes."""
 
-        proposed: Annotated[int, msgspec.Meta(ge=0)]
+        proposed: Annotated[int, Meta(ge=0)]
 
     traits = MethodTraits(
         tolerates_delay=True,

@@ -19,7 +19,7 @@ from eigenfail.values.episode import (
 )
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Proposal
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import RoundSize, archive
 from eigenfail_services.methods.batch_learner import limit_round
 from eigenfail_services.statistics import multilevel_splitting
 from eigenfail_services.statistics.intervals import log_normal
@@ -72,9 +72,7 @@ class SplittingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
             "`time_to_collision` or `distance`"
         ),
     ] = Importance.REQUIRED_BRAKING
-    round_size: Annotated[
-        int, Meta(ge=1, le=100_000, description="episodes in a round at most")
-    ] = 10_000
+    round_size: RoundSize = 10_000
 
     def choose_particles(self, episodes: int) -> int:
         """Return the number of episodes that each run holds."""

@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from math import inf
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, RoundSizes
+from eigenfail_services.methods import RoundSize
 from eigenfail_services.methods.batch_learner import (
     BatchLearner,
     SimulationDriver,
@@ -29,9 +29,7 @@ class SubsetMethodSettings(
 ):
     """Settings of `subset`."""
 
-    round_size: Annotated[
-        int, Meta(ge=1, le=100_000, description="episodes in a round at most")
-    ] = 10_000
+    round_size: RoundSize = 10_000
 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if the budget allows too few samples, unless they were chosen."""

@@ -26,7 +26,7 @@ def test_workers_are_taken_down_although_the_store_is_away_at_the_end(
     monkeypatch.setattr(module.signal, "signal", lambda *_: None)
     monkeypatch.setattr(module, "supervise", lambda *_: None)
     monkeypatch.setattr(module.Supervisor, "release", away)
-    monkeypatch.setitem(options.LAUNCHERS, "none", lambda _: Launcher())
+    monkeypatch.setattr(options, "create_launcher", lambda _: Launcher())
     with pytest.raises(StoreUnavailable):
         module.serve(
             module.parse(["--database", f"sqlite:///{tmp_path}/e.db", "--launcher", "none"])

@@ -4,10 +4,12 @@ from math import log
 from typing import Annotated, Literal, Protocol
 
 import msgspec
+from msgspec import Meta
 
 from eigenfail.errors import InvalidValue
 from eigenfail.plugins import load_class
 from eigenfail.values.learning import Policy
+from eigenfail_services.methods import Amount, Id, UpToOne, UpToTen
 from eigenfail_services.methods.archive import Arrays
 from eigenfail_services.methods.ast.decisions import DecisionProcess, Decisions
 
@@ -20,7 +22,7 @@ rewards and critics whose outputs are multiplied by 1000.
 """
 
 
-Width = Annotated[int, msgspec.Meta(ge=1, le=4096)]
+Width = Annotated[int, Meta(ge=1, le=4096)]
 
 
 class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,110 +59,94 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     reward: Annotated[
         Literal["paper", "mahalanobis", "dissimilarity"],
-        msgspec.Meta(description="reward of the adversary"),
+        Meta(description="reward of the adversary"),
     ] = "paper"
     alpha: Annotated[
-        float, msgspec.Meta(ge=0.0, le=1e7, description="penalty for an episode without a failure")
+        float, Meta(ge=0.0, le=1e7, description="penalty for an episode without a failure")
     ] = 300.0
     c_dist: Annotated[
-        float, msgspec.Meta(ge=0.0, le=1e7, description="penalty per metre of robustness left")
+        float, Meta(ge=0.0, le=1e7, description="penalty per metre of robustness left")
     ] = 30.0
     c_dissimilarity: Annotated[
         float,
-        msgspec.Meta(
+        Meta(
             ge=0.0,
             le=1e7,
             description="bonus per sigma of distance from earlier failures (dissimilarity)",
         ),
     ] = 100.0
-    tau: Annotated[
-        float,
-        msgspec.Meta(gt=0.0, le=1.0, description="share by which target critics approach critics"),
-    ] = 0.01
+    tau: Annotated[UpToOne, Meta(description="share by which target critics approach critics")] = (
+        0.01
+    )
     learning_rate: Annotated[
-        float,
-        msgspec.Meta(gt=0.0, le=1.0, description="learning rate of all networks and the entropy"),
+        UpToOne, Meta(description="learning rate of all networks and the entropy")
     ] = 1e-3
-    batch_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="decisions in a gradient step")
-    ] = 64
+    batch_size: Annotated[Amount, Meta(description="decisions in a gradient step")] = 64
     buffer_size: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000_000, description="decisions in the replay buffer")
+        int, Meta(ge=1, le=10_000_000, description="decisions in the replay buffer")
     ] = 10_000
     gamma: Annotated[
-        float, msgspec.Meta(ge=0.0, le=1.0, description="discount from decision to decision")
+        float, Meta(ge=0.0, le=1.0, description="discount from decision to decision")
     ] = 1.0
     # With `hold` = 10, an episode of 100 steps is ten decisions: the default sums its whole return.
     n_step: Annotated[
         int,
-        msgspec.Meta(ge=1, le=10_000, description="decisions whose rewards are summed"),
+        Meta(ge=1, le=10_000, description="decisions whose rewards are summed"),
     ] = 10
     hidden: Annotated[
         tuple[Width, ...],
-        msgspec.Meta(min_length=1, max_length=8, description="widths of the hidden layers"),
+        Meta(min_length=1, max_length=8, description="widths of the hidden layers"),
     ] = (64, 64)
-    entropy: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1e6, description="initial entropy coefficient")
-    ] = 40.0
+    entropy: Annotated[float, Meta(gt=0.0, le=1e6, description="initial entropy coefficient")] = (
+        40.0
+    )
     target_entropy: Annotated[
-        float, msgspec.Meta(ge=-50.0, le=1.3, description="target entropy of an action [nat]")
+        float, Meta(ge=-50.0, le=1.3, description="target entropy of an action [nat]")
     ] = -4.0
-    hold: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps for which one action stays")
-    ] = 10
-    amplitude: Annotated[
-        float, msgspec.Meta(gt=0.0, le=10.0, description="largest |z| of the policy [sigma]")
-    ] = 2.0
-    round_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="episodes between two policy versions")
-    ] = 10
+    hold: Annotated[int, Meta(ge=1, le=10_000, description="steps for which one action stays")] = 10
+    amplitude: Annotated[UpToTen, Meta(description="largest |z| of the policy [sigma]")] = 2.0
+    round_size: Annotated[Amount, Meta(description="episodes between two policy versions")] = 10
     # Trials found more failures with 30 than with 60.
     warm_up: Annotated[
         int,
-        msgspec.Meta(
+        Meta(
             ge=0, le=1_000_000, description="episodes before the first training; at most a quarter"
         ),
     ] = 30
     gradient_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=1000, description="gradient steps for each observed decision")
+        int, Meta(ge=1, le=1000, description="gradient steps for each observed decision")
     ] = 1
     converged_share: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] | None,
-        msgspec.Meta(
-            description="share of failures in 100 episodes that ends training; None: no end"
-        ),
+        UpToOne | None,
+        Meta(description="share of failures in 100 episodes that ends training; None: no end"),
     ] = 1.0
     averaged: Annotated[
         int,
-        msgspec.Meta(
+        Meta(
             ge=1,
             le=10_000,
             description="versions in the running mean of weights that `evaluate` uses; 1: the last",
         ),
     ] = 1
     patience: Annotated[
-        Annotated[int, msgspec.Meta(ge=100, le=1_000_000)] | None,
-        msgspec.Meta(
+        Annotated[int, Meta(ge=100, le=1_000_000)] | None,
+        Meta(
             description="episodes after which a training that finds next to nothing starts anew, "
             "if as many are left; None: never"
         ),
     ] = 200
     largest_amplitude: Annotated[
-        float,
-        msgspec.Meta(
-            gt=0.0,
-            le=10.0,
-            description="largest |z| to which `amplitude` is widened while nothing fails [sigma]",
-        ),
+        UpToTen,
+        Meta(description="largest |z| to which `amplitude` is widened while nothing fails [sigma]"),
     ] = 4.0
     warm_start: Annotated[
-        Annotated[int, msgspec.Meta(ge=1)] | None,
-        msgspec.Meta(description="campaign of `ast` whose networks are the initial ones"),
+        Id | None,
+        Meta(description="campaign of `ast` whose networks are the initial ones"),
     ] = None
 
     trainer: Annotated[
         Literal["fast", "sb3"],
-        msgspec.Meta(description="soft actor-critic in numpy (fast) or stable-baselines3"),
+        Meta(description="soft actor-critic in numpy (fast) or stable-baselines3"),
     ] = "fast"
 
     def no_estimate(self) -> str:

@@ -6,11 +6,13 @@ from typing import Annotated, Literal, Protocol
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.learning import Experience
+from eigenfail_services.methods import Amount, Id, UpToOne
 from eigenfail_services.methods.difs.modes import Rows
 
 
@@ -34,13 +36,10 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
     modes: int
 
 
-Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
-Steps = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
-
-
-Id = Annotated[int, msgspec.Meta(ge=1)]
+Steps = Annotated[int, Meta(ge=0, le=1_000_000)]
 
 
 STEPS_PER_JITTER = 30
@@ -57,21 +56,19 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     schedule: Annotated[
         Literal["many_rounds", "paper"],
-        msgspec.Meta(description="how the episodes are divided, and which train the network"),
+        Meta(description="how the episodes are divided, and which train the network"),
     ] = "many_rounds"
     initial_share: Annotated[
         Share | None,
-        msgspec.Meta(
-            description="share of the episodes drawn from the prior; none: the schedule's"
-        ),
+        Meta(description="share of the episodes drawn from the prior; none: the schedule's"),
     ] = None
     round_size: Annotated[
-        Annotated[int, msgspec.Meta(ge=1, le=100_000)] | None,
-        msgspec.Meta(description="episodes between two trainings; none: the schedule's"),
+        Amount | None,
+        Meta(description="episodes between two trainings; none: the schedule's"),
     ] = None
     final_share: Annotated[
         Share | None,
-        msgspec.Meta(
+        Meta(
             description="share sampled at robustness 0 at the end, without training; "
             "none: the schedule's"
         ),
@@ -79,82 +76,66 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     # The paper keeps the lowest 30 %; the reference code (sisl/DiFS) half.
     quantile: Annotated[
         float,
-        msgspec.Meta(gt=0.0, lt=1.0, description="share of a round that sets the threshold"),
+        Meta(gt=0.0, lt=1.0, description="share of a round that sets the threshold"),
     ] = 0.3
     elite: Annotated[
-        int,
-        msgspec.Meta(
-            ge=1, le=100_000, description="trajectories to which many_rounds fits the mixture"
-        ),
+        Amount, Meta(description="trajectories to which many_rounds fits the mixture")
     ] = 20
     replay: Annotated[
         Share,
-        msgspec.Meta(
+        Meta(
             description="share of all trajectories, the least robust, that train the network "
             "besides the elite"
         ),
     ] = 0.25
     likely_share: Annotated[
-        float,
-        msgspec.Meta(gt=0.0, le=1.0, description="share of the elite in the newest failures"),
+        UpToOne, Meta(description="share of the elite in the newest failures")
     ] = 0.5
     target_rate: Annotated[
         float,
-        msgspec.Meta(gt=0.0, lt=1.0, description="target failure rate of the guidance"),
+        Meta(gt=0.0, lt=1.0, description="target failure rate of the guidance"),
     ] = 0.2
     guidance: Annotated[
-        float, msgspec.Meta(ge=-0.9, le=10.0, description="initial weight of the condition")
+        float, Meta(ge=-0.9, le=10.0, description="initial weight of the condition")
     ] = 0.15
     final_guidance: Annotated[
-        Annotated[float, msgspec.Meta(ge=-0.9, le=10.0)] | None,
-        msgspec.Meta(description="weight at robustness 0; none: that of the last round"),
+        Annotated[float, Meta(ge=-0.9, le=10.0)] | None,
+        Meta(description="weight at robustness 0; none: that of the last round"),
     ] = None
     first_steps: Annotated[
         Steps | None,
-        msgspec.Meta(
+        Meta(
             description="gradient steps of the network's first training; none: the schedule's; "
             "0, also for `steps`: the mixture alone"
         ),
     ] = None
     steps: Annotated[
         Steps | None,
-        msgspec.Meta(description="gradient steps of each later training; none: the schedule's"),
+        Meta(description="gradient steps of each later training; none: the schedule's"),
     ] = None
     jitter: Annotated[
         int,
-        msgspec.Meta(
-            ge=0, le=10_000, description="largest shift in training [steps]; at most 1 in 30"
-        ),
+        Meta(ge=0, le=10_000, description="largest shift in training [steps]; at most 1 in 30"),
     ] = 3
     width: Annotated[
-        int, msgspec.Meta(ge=1, le=4096, description="channels of the denoiser's hidden layers")
+        int, Meta(ge=1, le=4096, description="channels of the denoiser's hidden layers")
     ] = 24
-    learning_rate: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1.0, description="learning rate of AdamW")
-    ] = 2e-3
-    weight_decay: Annotated[
-        float, msgspec.Meta(ge=0.0, le=1.0, description="weight decay of AdamW")
-    ] = 1e-5
-    batch_size: Annotated[
-        int, msgspec.Meta(ge=1, le=100_000, description="trajectories in a gradient step")
-    ] = 32
-    ema: Annotated[
-        float, msgspec.Meta(ge=0.0, lt=1.0, description="decay of the averaged weights")
-    ] = 0.995
+    learning_rate: Annotated[UpToOne, Meta(description="learning rate of AdamW")] = 2e-3
+    weight_decay: Annotated[float, Meta(ge=0.0, le=1.0, description="weight decay of AdamW")] = 1e-5
+    batch_size: Annotated[Amount, Meta(description="trajectories in a gradient step")] = 32
+    ema: Annotated[float, Meta(ge=0.0, lt=1.0, description="decay of the averaged weights")] = 0.995
     # The reference takes 1000 steps. Twenty cost a fiftieth, and stay exact for a normal.
     sampling_steps: Annotated[
-        int, msgspec.Meta(ge=1, le=10_000, description="steps in which a trajectory is sampled")
+        int, Meta(ge=1, le=10_000, description="steps in which a trajectory is sampled")
     ] = 20
-    memory: Annotated[
-        int, msgspec.Meta(ge=10, le=1_000_000, description="trajectories in memory")
-    ] = 10_000
+    memory: Annotated[int, Meta(ge=10, le=1_000_000, description="trajectories in memory")] = 10_000
     device: Annotated[
         Literal["auto", "cpu", "cuda"],
-        msgspec.Meta(description="device of the model; auto: cuda if available"),
+        Meta(description="device of the model; auto: cuda if available"),
     ] = "auto"
     data_from: Annotated[
         tuple[Id, ...],
-        msgspec.Meta(description="earlier campaigns whose episodes are initial training data"),
+        Meta(description="earlier campaigns whose episodes are initial training data"),
     ] = ()
 
     def choose_jitter(self, horizon: int) -> int:
