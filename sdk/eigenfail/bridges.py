@@ -163,16 +163,6 @@ def check(spec: CampaignSpec) -> Variation:
     return variation(spec.scenario_parameters, model=spec.disturbance)
 
 
-def horizon(spec: CampaignSpec) -> int:
-    """The number of steps of a full episode, of the longest where they vary; see `check`."""
-    return check(spec).largest(lambda parameters: int(parameters.steps))
-
-
-def step_s(spec: CampaignSpec) -> float:
-    """The duration of a step, as the campaign has it. [s]"""
-    return max(float(parameters.dt_s) for parameters in check(spec).corners())
-
-
 def variation(
     given: Mapping[str, Any],
     field: str = "scenario_parameters",

@@ -89,13 +89,24 @@ class CampaignWorld(ABC):
         """
 
     @abstractmethod
-    def horizon(self, spec: CampaignSpec) -> int:
-        """Return the number of steps of a full episode: of the longest, where parameters vary.
+    def find_form(self, spec: CampaignSpec) -> EpisodeForm:
+        """Return the length and the channels of full episodes: of the longest if parameters vary.
 
         Raises:
             UnknownName: no such scenario, or it has no such parameter or distribution.
             InvalidValue: a parameter, or an end of its distribution, outside its bounds.
         """
+
+    def resolve(self, spec: CampaignSpec) -> tuple[CampaignSpec, EpisodeForm]:
+        """Return a campaign with its channels and requirements written out, and its form.
+
+        Raises:
+            UnknownName: a channel, signal, measure, scenario or parameter does not exist.
+            InvalidValue: one of their values cannot be, or cannot be judged here.
+        """
+        spec = replace(spec, disturbance=self.resolve_disturbance(spec))
+        form = self.find_form(spec)
+        return replace(spec, requirements=self.resolve_requirements(spec, form)), form
 
     def channels(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return the names of the channels of the noise, in the order of the columns of z.
@@ -138,7 +149,7 @@ class CampaignWorld(ABC):
         return model
 
     def resolve_requirements(
-        self, spec: CampaignSpec
+        self, spec: CampaignSpec, form: EpisodeForm
     ) -> requirements.Requirements | msgspec.UnsetType:
         """Return the requirements of a campaign; absent where they are no collision alone.
 
@@ -146,6 +157,7 @@ class CampaignWorld(ABC):
 
         Args:
             spec: the campaign, with its channels written out.
+            form: length and channels of its episodes.
 
         Raises:
             UnknownName: a signal or measure does not exist.
@@ -154,15 +166,14 @@ class CampaignWorld(ABC):
         named = spec.all_requirements
         if spec.requirements is msgspec.UNSET and spec.importance is msgspec.UNSET:
             return msgspec.UNSET
-        step_s = self.step_s(spec)
-        if step_s is None:
+        if form.step_s is None or form.horizon_s is None:
             problem = f"the simulator '{spec.simulator}' has no drive to judge."
             raise InvalidValue(
                 requirements.FIELD, problem, "Have the function return what is to stay above 0."
             )
-        told = signals.list_signals(self.channels(spec), tells_lane=self.tells_lane)
+        told = signals.list_signals(form.channels, tells_lane=self.tells_lane)
         told = *told, *self.list_own_signals(spec)
-        expected = signals.ExpectedCourse(told, step_s, self.horizon(spec) * step_s)
+        expected = signals.ExpectedCourse(told, form.step_s, form.horizon_s)
         requirements.check_requirements(named, expected)
         if not isinstance(spec.importance, msgspec.UnsetType):
             spec.importance.check(expected, "importance")
@@ -190,15 +201,6 @@ class CampaignWorld(ABC):
             UnknownName: a name that the bridge does not know; the known ones are listed.
             InvalidValue: the scenario has fewer steps, or steps of another duration.
         """
-
-    def step_s(self, _spec: CampaignSpec) -> float | None:
-        """Return the duration of a step; None where steps have none. [s]
-
-        Raises:
-            UnknownName: no such scenario or parameter.
-            InvalidValue: a parameter outside its bounds.
-        """
-        return None
 
     def parameters_type(self, _spec: CampaignSpec) -> type[msgspec.Struct] | None:
         """Return the type of the parameters of the campaign's scenario, if it is a plug-in.
@@ -307,15 +309,14 @@ class PluginWorld(CampaignWorld):
             correlations=spec.disturbance.parameter_correlations,
         )
 
-    def horizon(self, spec: CampaignSpec) -> int:
-        """Return the largest number of steps at any corner of the parameters."""
-        scenario = self._scenario(spec)
-        return self.variation(spec).largest(lambda each: scenario(each, spec.seed).steps)
-
-    def step_s(self, spec: CampaignSpec) -> float:
-        """Return the duration of a step of the scenario. [s]"""
-        scenario, corners = self._scenario(spec), self.variation(spec).corners()
-        return max(scenario(each, spec.seed).mission.dt_s for each in corners)
+    def find_form(self, spec: CampaignSpec) -> EpisodeForm:
+        """Return the most steps and the longest step at any corner of the parameters."""
+        scenario, steps, step_s = self._scenario(spec), 0, 0.0
+        for corner in self.variation(spec).corners():
+            situation = scenario(corner, spec.seed)
+            steps = max(steps, situation.steps)
+            step_s = max(step_s, situation.mission.dt_s)
+        return EpisodeForm(steps, step_s, self.channels(spec))
 
     def parameters_type(self, spec: CampaignSpec) -> type[msgspec.Struct]:
         """Return the scenario's `Parameters`."""
@@ -380,9 +381,10 @@ class FunctionWorld(CampaignWorld):
         """Return the parameters, all of them fixed."""
         return read_variation(functions.FunctionParameters, spec.scenario_parameters)
 
-    def horizon(self, spec: CampaignSpec) -> int:
-        """Return the number of steps that the campaign sets."""
-        return functions.check(spec).steps
+    def find_form(self, spec: CampaignSpec) -> EpisodeForm:
+        """Return the steps and channels that the campaign sets; a step has no duration."""
+        parameters = functions.check(spec)
+        return EpisodeForm(parameters.steps, None, parameters.channels)
 
     def channels(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return the channels that the campaign names."""
@@ -470,13 +472,12 @@ class BridgeWorld(CampaignWorld):
         """Return the parameters that a bridge can receive."""
         return bridges.check(spec)
 
-    def horizon(self, spec: CampaignSpec) -> int:
-        """Return the largest number of steps that the campaign sets."""
-        return bridges.horizon(spec)
-
-    def step_s(self, spec: CampaignSpec) -> float:
-        """Return the duration of a step that the campaign sets. [s]"""
-        return bridges.step_s(spec)
+    def find_form(self, spec: CampaignSpec) -> EpisodeForm:
+        """Return the most steps and the longest step that the campaign sets."""
+        corners = list(bridges.check(spec).corners())
+        steps = max(int(each.steps) for each in corners)
+        step_s = max(float(each.dt_s) for each in corners)
+        return EpisodeForm(steps, step_s, self.channels(spec))
 
     def runs_foreign_code(self, _setup: EpisodeSetup) -> bool:
         """Return False: the bridge runs in a separate process."""
@@ -494,17 +495,6 @@ WORLDS: Mapping[str, CampaignWorld] = {
 def world_of(simulator: str) -> CampaignWorld:
     """Return the world of a simulator; plug-ins, installed here or not, share one."""
     return WORLDS.get(simulator, PLUGIN_WORLD)
-
-
-def find_form(spec: CampaignSpec) -> EpisodeForm:
-    """Return the length and the channels of a campaign's full episodes.
-
-    Raises:
-        UnknownName: no such scenario, or it has no such parameter or distribution.
-        InvalidValue: a parameter, or an end of its distribution, outside its bounds.
-    """
-    world = world_of(spec.simulator)
-    return EpisodeForm(world.horizon(spec), world.step_s(spec), world.channels(spec))
 
 
 def list_channels(spec: CampaignSpec) -> tuple[str, ...]:

@@ -31,8 +31,8 @@ def spec(**parameters) -> CampaignSpec:
 def test_any_name_and_any_plain_parameter_will_do() -> None:
     asked = spec(steps=80, gap_m=12.5, wet=False, kind="van")
     check_plugins(asked)
-    assert bridges.horizon(asked) == 80
-    assert bridges.step_s(asked) == 0.1
+    form = world_of("bridge").find_form(asked)
+    assert (form.steps, form.step_s) == (80, 0.1)
     (parameters,) = bridges.check(asked).corners()
     told = bridges.select_bridge_parameters(parameters)
     assert told == {"gap_m": 12.5, "wet": False, "kind": "van"}
@@ -47,7 +47,8 @@ def test_a_parameter_may_vary_as_any_scenarios() -> None:
 
 
 def test_the_longest_episode_is_the_horizon() -> None:
-    assert bridges.horizon(spec(steps={"choice": [50, 70, 60]}, dt_s=0.05)) == 70
+    asked = spec(steps={"choice": [50, 70, 60]}, dt_s=0.05)
+    assert world_of("bridge").find_form(asked).steps == 70
 
 
 @pytest.mark.parametrize(

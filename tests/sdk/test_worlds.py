@@ -22,12 +22,10 @@ def test_simulators_that_are_plug_ins_share_a_world() -> None:
 
 
 def test_steps_last_in_all_worlds_but_functions() -> None:
+    forms = [world_of(spec.simulator).find_form(spec) for spec in (ROAD, FUNCTION, BRIDGE)]
     found = {
-        spec.simulator: (
-            world_of(spec.simulator).horizon(spec),
-            world_of(spec.simulator).step_s(spec),
-        )
-        for spec in (ROAD, FUNCTION, BRIDGE)
+        spec.simulator: (form.steps, form.step_s)
+        for spec, form in zip((ROAD, FUNCTION, BRIDGE), forms, strict=True)
     }
     assert found == {"highway": (100, 0.1), "function": (7, None), "bridge": (50, 0.1)}
 

@@ -1,7 +1,7 @@
 """Campaigns resolved without the checks that refuse what a service would not launch."""
 
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.worlds import find_form
+from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.validation import (
     ResolvedCampaign,
     find_searching,
@@ -12,4 +12,5 @@ from eigenfail_services.campaigns.validation import (
 def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
     """Load the method and the scenario of a campaign, and read their settings."""
     method = resolve_method(spec.method, spec.settings)
-    return ResolvedCampaign(spec, find_form(spec), method, find_searching(method))
+    form = world_of(spec.simulator).find_form(spec)
+    return ResolvedCampaign(spec, form, method, find_searching(method))

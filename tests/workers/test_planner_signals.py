@@ -50,12 +50,12 @@ def test_a_campaign_names_the_signals_of_its_planner_alone() -> None:
     world = world_of(SPEC.simulator)
     assert world.list_own_signals(SPEC) == ("planner.lost_tracks", "planner.planned_mps2")
     named = replace(SPEC, requirements=(KEEPS_TRACKS,), importance=PLANS)
-    assert world.resolve_requirements(named) == (KEEPS_TRACKS,)
+    assert world.resolve(named)[0].requirements == (KEEPS_TRACKS,)
     mistyped = Formula(formula="always(planner.lost_track < 1)")
     with pytest.raises(UnknownName, match=r"mean 'planner\.lost_tracks'"):
-        world.resolve_requirements(replace(SPEC, requirements=(mistyped,)))
+        world.resolve(replace(SPEC, requirements=(mistyped,)))
     with pytest.raises(UnknownName, match=r"planner\.lost_tracks"):
-        world.resolve_requirements(replace(named, planner="idm"))
+        world.resolve(replace(named, planner="idm"))
 
 
 @pytest.mark.parametrize("names", [None, 5, "lost_tracks", ("lost_tracks", 5), ["lost_tracks"]])
@@ -63,7 +63,7 @@ def test_names_of_signals_that_are_no_tuple_of_names_are_refused(names, monkeypa
     monkeypatch.setattr(Rulebook, "signal_names", names)
     named = replace(SPEC, planner="rulebook", requirements=(KEEPS_TRACKS,))
     with pytest.raises(InvalidValue, match="not a tuple of names") as refused:
-        world_of(SPEC.simulator).resolve_requirements(named)
+        world_of(SPEC.simulator).resolve(named)
     assert refused.value.field == "planner"
 
 

@@ -92,9 +92,10 @@ def test_a_stored_episode_replays_and_explains_in_its_own_variation(whole):
 
 
 def test_the_horizon_holds_for_all_and_shorter_episodes_are_whole(whole):
-    longest = PLUGIN_WORLD.horizon(SPEC)
+    longest = PLUGIN_WORLD.find_form(SPEC).steps
     safe = {result.steps for result in whole if result.outcome is Outcome.SAFE}
-    assert longest == PLUGIN_WORLD.horizon(with_parameters(distance_m=52.0, actor_speed_mps=16.0))
+    at_the_corner = with_parameters(distance_m=52.0, actor_speed_mps=16.0)
+    assert longest == PLUGIN_WORLD.find_form(at_the_corner).steps
     assert max(safe) <= longest
     assert len(safe) > 1
 
@@ -104,10 +105,9 @@ def with_parameters(**parameters):
 
 
 def test_noise_beyond_an_episodes_end_changes_nothing(whole):
-    short = next(
-        r for r in whole if r.outcome is Outcome.SAFE and r.steps < PLUGIN_WORLD.horizon(SPEC)
-    )
-    z = np.ones((PLUGIN_WORLD.horizon(SPEC), 2), np.float32)
+    horizon = PLUGIN_WORLD.find_form(SPEC).steps
+    short = next(r for r in whole if r.outcome is Outcome.SAFE and r.steps < horizon)
+    z = np.ones((horizon, 2), np.float32)
     z[: short.steps] = short.noise.z
     (again,) = run([EpisodeTask(short.index, short.seed, TrajectorySource(z))])
     assert again.digest() == short.digest()
@@ -119,7 +119,7 @@ SETTINGS = {"monte_carlo": {}, "cem": {"batch": 10}, "ast": {"round_size": 10, "
 @pytest.mark.parametrize("name", SETTINGS)
 def test_methods_work_over_a_distribution(name):
     spec = check_spec(msgspec.structs.replace(SPEC, method=name, settings=SETTINGS[name])).spec
-    method, steps = plugins.load(plugins.METHODS, name), PLUGIN_WORLD.horizon(spec)
+    method, steps = plugins.load(plugins.METHODS, name), PLUGIN_WORLD.find_form(spec).steps
     context = LearnerContext(learner_seed(1), 30, steps, np.zeros((0, steps, 2), np.float32))
     learner = method(context, read_settings(method.Settings, spec.settings, "settings"))
     results = list(run_in_process(Rounds(learner, 1, 30), Engine(spec.setup())))

@@ -28,7 +28,7 @@ from eigenfail_services.campaigns import drafts, summary, validation
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
 from eigenfail_services.campaigns.suites import create_suite, read_suite
 from eigenfail_services.campaigns.summary import find_chain_mixing
-from eigenfail_services.campaigns.validation import ResolvedCampaign, fill_defaults
+from eigenfail_services.campaigns.validation import fill_defaults
 from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
@@ -171,12 +171,13 @@ def read_page(
 
 
 def _launch(
-    store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None
+    store: Store, spec: CampaignSpec, key: str | None, made_by: int | None
 ) -> parameters.Json:
+    wanted = drafts.validate_campaign(spec, store)
     # A repeated request is answered as the first one was, whatever workers are connected now.
     if not store.campaigns.is_key_used(key):
-        validation.check_offers(wanted, validation.list_offers([wanted], store))
-    made = store.campaigns.create(wanted.spec, key, made_by)
+        validation.check_offers(wanted, store.roster.list_offers())
+    made = store.campaigns.create(wanted.spec, key, made_by, wanted.form)
     return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
@@ -188,7 +189,7 @@ def create_campaign(
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
     """Queue a new campaign."""
-    return _launch(store, drafts.validate_campaign(spec, store), idempotency_key, made_by)
+    return _launch(store, spec, idempotency_key, made_by)
 
 
 @router.post("/check", **document_route(CampaignCheck, body=FIELDS, example=FIRST_TRY))
@@ -204,16 +205,17 @@ def check_campaign(store: parameters.Stored, fields: Fields) -> parameters.Json:
 @router.post("/bulk", **document_route(Page[Campaign], 201, body=SPECS))
 def create_campaigns(
     store: parameters.Stored,
-    specs: Items,
+    items: Items,
     made_by: parameters.MadeBy,
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
     """Queue new campaigns in the order of the list: all of them, or none."""
-    wanted = drafts.read_drafts(specs, store)
+    wanted = drafts.read_drafts(items, store)
     if not store.campaigns.is_list_key_used(idempotency_key):
         drafts.check_draft_offers(wanted, store)
-    named = [each.spec for each in wanted]
-    return parameters.Json(Page(store.campaigns.create_many(named, idempotency_key, made_by)), 201)
+    specs, forms = [each.spec for each in wanted], [each.form for each in wanted]
+    made = store.campaigns.create_many(specs, idempotency_key, made_by, forms)
+    return parameters.Json(Page(made), 201)
 
 
 @router.get("", **document_route(Page[Campaign]))
@@ -261,7 +263,7 @@ def clone_campaign(
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
     """Queue a copy of a campaign, with other values for some fields."""
-    wanted = drafts.clone(store.campaigns.get(campaign).spec, changes, store)
+    wanted = drafts.clone(store.campaigns.get(campaign).spec, changes)
     return _launch(store, wanted, idempotency_key, made_by)
 
 
@@ -286,7 +288,7 @@ def shrink_episode(
     idempotency_key: parameters.IdempotencyKey = None,
 ) -> parameters.Json:
     """Queue a campaign that finds the least noise with which an episode still fails."""
-    return _launch(store, drafts.validate_campaign(wanted, store), idempotency_key, made_by)
+    return _launch(store, wanted, idempotency_key, made_by)
 
 
 @router.post("/{campaign}/pause", **document_route(Campaign))

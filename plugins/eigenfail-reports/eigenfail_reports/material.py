@@ -248,7 +248,7 @@ def arrange_by_channel(
 def find_step_s(spec: CampaignSpec) -> float | None:
     """Return the duration of a step [s]; None for a scenario that is not installed here."""
     try:
-        return world_of(spec.simulator).step_s(spec)
+        return world_of(spec.simulator).find_form(spec).step_s
     except InputError:
         return None
 

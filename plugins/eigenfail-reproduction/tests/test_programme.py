@@ -54,7 +54,7 @@ def test_evaluations_draw_from_a_seed_of_their_own_and_name_what_they_evaluate()
 @pytest.mark.parametrize("scenario", PROGRAMMES)
 def test_each_step_lasts_as_long_as_is_said(scenario):
     for spec in by_name(build_suite("small", scenario=scenario)).values():
-        assert world_of(spec.simulator).step_s(spec) == STEP_S
+        assert world_of(spec.simulator).find_form(spec).step_s == STEP_S
 
 
 @pytest.mark.parametrize("scenario", PROGRAMMES)
@@ -69,7 +69,7 @@ def test_a_programme_is_a_suite_of_valid_campaigns(scenario):
             assert spec.settings["campaign"] in names
             spec = msgspec.structs.replace(spec, settings={"campaign": 1})
         check_plugins(spec)
-        assert world_of(spec.simulator).horizon(spec) == STEPS[scenario]
+        assert world_of(spec.simulator).find_form(spec).steps == STEPS[scenario]
 
 
 def test_the_drive_has_noise_of_the_papers_sigma_on_every_vehicle():

@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -98,14 +98,14 @@ def _read_item(item: Any, where: str, store: Store) -> validation.ResolvedCampai
         return read_draft(item, store)
 
 
-def check_draft_offers(campaigns: Sequence[validation.ResolvedCampaign], store: Store) -> None:
+def check_draft_offers(campaigns: Iterable[validation.ResolvedCampaign], store: Store) -> None:
     """Check that the connected bridges offer what the campaigns of a list need.
 
     Raises:
         UnknownName: as `check_offers` does; the place of the campaign is named.
         InvalidValue: likewise.
     """
-    offers = validation.list_offers(campaigns, store)
+    offers = store.roster.list_offers()
     for place, campaign in enumerate(campaigns):
         with move_errors(f"[{place}]"):
             validation.check_offers(campaign, offers)
@@ -158,7 +158,7 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
 
 def _find_misfits(campaign: validation.ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
     try:
-        validation.check_offers(campaign, validation.list_offers([campaign], store))
+        validation.check_offers(campaign, store.roster.list_offers())
     except InputError as error:
         return (error,)
     return ()
@@ -204,17 +204,17 @@ def _take_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
     return {other: value for other, value in given.items() if other != name}
 
 
-def clone(spec: CampaignSpec, changes: Fields, store: Store) -> validation.ResolvedCampaign:
-    """Resolve a campaign like another, with some fields changed.
+def clone(spec: CampaignSpec, changes: Fields) -> CampaignSpec:
+    """Return a campaign like another, with some fields changed.
 
     Settings and parameters are put over the earlier ones; with another plug-in the earlier ones
     mean nothing and are left out.
 
     Raises:
-        UnknownName: a field, plug-in or setting that does not exist.
-        InvalidValue: a value that cannot be.
+        UnknownName: a field that does not exist.
+        InvalidValue: a value of the wrong type or outside its bounds.
     """
-    return read_draft(change_fields(msgspec.to_builtins(spec), changes), store)
+    return read_fields(change_fields(msgspec.to_builtins(spec), changes), CampaignSpec)
 
 
 def change_fields(fields: Fields, changes: Fields) -> dict[str, Any]:

@@ -154,7 +154,8 @@ def replay_episode(
         scene_every=1,
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, stored.seed)},
     )
-    return store.campaigns.create(check_spec(wanted).spec, made_by=made_by)
+    checked = check_spec(wanted)
+    return store.campaigns.create(checked.spec, made_by=made_by, form=checked.form)
 
 
 PATIENCE_S = 60.0

@@ -22,7 +22,12 @@ from eigenfail.values.proof import (
 )
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
-from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_drawn
+from eigenfail_services.campaigns.validation import (
+    ResolvedCampaign,
+    check_spec,
+    is_distribution,
+    list_drawn,
+)
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
@@ -404,23 +409,23 @@ def launch_replays(
     analysed = store.campaigns.get(analysis.campaign).spec
     wanted = list_neighbours(analysed) if variations is None else variations
     worlds = _list_worlds(store, analysis, result)
-    specs = [
+    replays = [
         _check_replay(_make_replay(analysis, analysed, variation, world), analysed, place)
         for place, variation in enumerate(wanted)
         for world in worlds
     ]
     # All replays have been checked before the first one is queued, so that a wrong variation leaves
     # no part of a proof behind.
-    for spec in specs:
-        _launch_replay(store, analysis.id, spec, made_by)
+    for replay in replays:
+        _launch_replay(store, analysis.id, replay, made_by)
     found = summarise_proof(store, analysis)
     if not (found.done and found.unplaced):
         return found
     for home in worlds:
         modes = [mode for mode in home.modes if mode in found.unplaced]
         if modes:
-            spec = check_spec(_make_search(analysis, analysed, home, modes)).spec
-            _launch_replay(store, analysis.id, spec, made_by)
+            search = check_spec(_make_search(analysis, analysed, home, modes))
+            _launch_replay(store, analysis.id, search, made_by)
     return summarise_proof(store, analysis)
 
 
@@ -451,7 +456,7 @@ def _refuse_distributions(variations: Sequence[Parameters]) -> None:
                 raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
 
 
-def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> CampaignSpec:
+def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> ResolvedCampaign:
     """Return the replay in a variation that can be launched.
 
     Raises:
@@ -462,7 +467,7 @@ def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> C
     if checked.form.channels != list_channels(analysed):
         problem = "are not those of the noise that was analysed."
         raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
-    return checked.spec
+    return checked
 
 
 def _leave_out_equal(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:
@@ -496,7 +501,9 @@ def _make_replay(
     )
 
 
-def _launch_replay(store: Store, analysis: int, spec: CampaignSpec, made_by: int | None) -> None:
+def _launch_replay(
+    store: Store, analysis: int, replay: ResolvedCampaign, made_by: int | None
+) -> None:
     """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
 
     Repeated or simultaneous requests get one campaign: a replay is the same
@@ -505,8 +512,10 @@ def _launch_replay(store: Store, analysis: int, spec: CampaignSpec, made_by: int
     before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
     # A key belongs to its first campaign for ever: counting the lost ones gives the next attempt a
     # new key.
+    spec = replay.spec
     lost = sum(each.spec.is_like(spec) and each.state in CAME_TO_NOTHING for each in before)
     key = f"replay {lost} of analysis {analysis}: {spec_hash(spec)}"
     # After a crash between creation and link, the same request finds the campaign by its key and
     # links it.
-    store.analyses.link_replay(analysis, store.campaigns.create(spec, key, made_by).id)
+    launched = store.campaigns.create(spec, key, made_by, replay.form)
+    store.analyses.link_replay(analysis, launched.id)

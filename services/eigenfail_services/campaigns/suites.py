@@ -9,11 +9,11 @@ from msgspec.structs import asdict
 from eigenfail import suites
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.values.campaign import Campaign, CampaignFilter
-from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.suite import SEPARATOR, suite_of
 from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.drafts import move_errors, rename_field, validate_campaign
 from eigenfail_services.store import Store
+from eigenfail_services.store.campaign_creation import NewCampaign, request_one
 
 LARGEST_SUITE = 20_000_000
 """Size of the JSON of all members of a suite that a request describes. [bytes]"""
@@ -99,11 +99,11 @@ class CheckedSuite(msgspec.Struct, frozen=True):
     """The campaigns that a request for a suite would create, and its problems.
 
     Attributes:
-        missing: campaigns that can be created now, by idempotency key.
+        missing: campaigns that can be created now, with their idempotency keys.
         problems: first problem of each member that is refused, by its name.
     """
 
-    missing: dict[str, CampaignSpec]
+    missing: list[NewCampaign]
     problems: dict[str, InputError]
 
 
@@ -118,12 +118,13 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     found = suites.match_campaigns(suite, alike)
     ready = dict(suites.list_ready_members(suite, found))
     # Problems of all members are found first: a suite is created whole, or not at all.
-    checked = CheckedSuite({}, {})
+    checked, offers = CheckedSuite([], {}), store.roster.list_offers()
     for name, spec in ready.items():
         try:
             resolved = validate_campaign(spec, store)
-            validation.check_offers(resolved, validation.list_offers([resolved], store))
-            checked.missing[suites.make_member_key(spec)] = resolved.spec
+            validation.check_offers(resolved, offers)
+            key = suites.make_member_key(spec)
+            checked.missing.append(request_one(resolved.spec, key, resolved.form))
         except InputError as error:
             checked.problems[name] = error
     for member in suite.members:
@@ -157,4 +158,4 @@ def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) 
             raise error
     # The check held no lock. If another request has created a member meanwhile, its key finds that
     # campaign.
-    store.campaigns.create_missing(checked.missing, made_by)
+    store.campaigns.create_all(checked.missing, made_by)

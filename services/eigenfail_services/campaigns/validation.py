@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from math import ceil, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
@@ -21,12 +21,9 @@ from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
-from eigenfail.worlds import CampaignWorld, find_form, list_simulators, world_of
+from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns.rounds import limit_lookahead
 from eigenfail_services.methods import check_budget, explain_no_estimate
-
-if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
-    from eigenfail_services.store import Store
 
 MOST_SPECS = 2_000
 """Specs whose defaults are kept. A page of releases reads as many campaigns, most of them alike."""
@@ -165,12 +162,6 @@ def is_distribution(value: Any) -> bool:
     return isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
 
 
-def list_offers(campaigns: Iterable[ResolvedCampaign], store: "Store") -> tuple[BridgeOffer, ...]:
-    """Return the known offers of bridges, if any of the campaigns needs a bridge."""
-    needed = any(world_of(each.spec.simulator).needs_bridge for each in campaigns)
-    return store.roster.list_offers() if needed else ()
-
-
 def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
     """Check that each bridge offers what a campaign needs, if it needs one.
 
@@ -210,16 +201,13 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
         check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
-    if (resolved_model := world.resolve_disturbance(spec)) != spec.disturbance:
-        spec = replace(spec, disturbance=resolved_model)
-    if (named := world.resolve_requirements(spec)) != spec.requirements:
-        spec = replace(spec, requirements=named)
+    spec, form = world.resolve(spec)
     if searching.traits.needs_course:
         _check_course(spec, world)
     if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:
         problem = "noise with a channel of the scenario, scaled, is of another scenario."
         raise InvalidValue("settings.scale", problem, "Replay it at scale 1.")
-    resolved = ResolvedCampaign(spec, find_form(spec), method, searching)
+    resolved = ResolvedCampaign(spec, form, method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
     return resolved

@@ -1,14 +1,16 @@
 """Creation of campaigns, which a request that is repeated with its key does not repeat."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from hashlib import sha256
 
+import msgspec
 from sqlalchemy import Connection, insert, select
 
-from eigenfail.errors import IdempotencyMismatch
-from eigenfail.values.campaign import Campaign
+from eigenfail.errors import EigenfailError, IdempotencyMismatch
+from eigenfail.values.campaign import Campaign, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
+from eigenfail.worlds import world_of
 from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.campaign_rows import insert_campaign, name_campaign, read_campaign
 from eigenfail_services.store.codec import spec_hash
@@ -18,68 +20,83 @@ from eigenfail_services.store.references import hold_named_noise, refuse_pruned
 from eigenfail_services.store.schema import idempotency_keys
 
 
-def create_campaign(
-    connection: Connection, spec: CampaignSpec, key: str | None, made_by: int | None
-) -> Campaign:
-    """Create a campaign, or return the one that the key has created."""
-    if key is None:
-        return _insert_queued(connection, [spec], made_by)[0]
-    if earlier := _find_made_with(connection, [key], spec_hash(spec)):
-        return earlier[0]
-    made = _insert_queued(connection, [spec], made_by)
-    _insert_keys(connection, [key], spec_hash(spec), made)
-    return made[0]
+class NewCampaign(msgspec.Struct, frozen=True):
+    """A campaign to be created.
+
+    Attributes:
+        spec: its spec.
+        form: length and channels of its episodes.
+        key: idempotency key, with which it is created once; None without one.
+        asked: SHA-256 of what the request with the key asks for.
+    """
+
+    spec: CampaignSpec
+    form: EpisodeForm
+    key: str | None
+    asked: str
+
+
+def request_one(
+    spec: CampaignSpec, key: str | None = None, form: EpisodeForm | None = None
+) -> NewCampaign:
+    """Return the campaign that a request for one asks for; its form is found unless it is given."""
+    return NewCampaign(spec, form or _find_form(spec), key, spec_hash(spec))
+
+
+def request_many(
+    specs: Sequence[CampaignSpec], key: str | None, forms: Sequence[EpisodeForm] | None
+) -> list[NewCampaign]:
+    """Return the campaigns that a request for a list asks for, likewise."""
+    # The hash is of the whole list: a list that only begins alike is another request.
+    asked = hash_specs(specs)
+    return [
+        NewCampaign(spec, form, key and derive_key(key, place), asked)
+        for place, (spec, form) in enumerate(
+            zip(specs, forms or map(_find_form, specs), strict=True)
+        )
+    ]
+
+
+def _find_form(spec: CampaignSpec) -> EpisodeForm:
+    """Return the form of a campaign's episodes; the default if its world is not known here."""
+    try:
+        return world_of(spec.simulator).find_form(spec)
+    except EigenfailError:
+        return EpisodeForm()
 
 
 def create_campaigns(
-    connection: Connection, specs: Sequence[CampaignSpec], key: str | None, made_by: int | None
+    connection: Connection, wanted: Sequence[NewCampaign], made_by: int | None
 ) -> tuple[Campaign, ...]:
-    """Create campaigns in their order, or return those that the key has created."""
-    if key is None:
-        return _insert_queued(connection, specs, made_by)
-    # The hash is of the whole list: a list that only begins alike is another request.
-    keys, asked = [derive_key(key, place) for place in range(len(specs))], hash_specs(specs)
-    if earlier := _find_made_with(connection, keys, asked):
-        return earlier
-    made = _insert_queued(connection, specs, made_by)
-    _insert_keys(connection, keys, asked, made)
-    return made
-
-
-def create_missing(
-    connection: Connection,
-    specs: Mapping[str, CampaignSpec],
-    made_by: int | None,
-) -> tuple[Campaign, ...]:
-    """Create the campaigns of the keys that have created none, in their order; return all."""
-    found = {
-        key: campaign
-        for key, spec in specs.items()
-        for campaign in _find_made_with(connection, [key], spec_hash(spec))
-    }
-    missing = [key for key in specs if key not in found]
-    if missing:
-        made = _insert_queued(connection, [specs[key] for key in missing], made_by)
-        for key, campaign in zip(missing, made, strict=True):
-            _insert_keys(connection, [key], spec_hash(specs[key]), [campaign])
-            found[key] = campaign
-    return tuple(found[key] for key in specs)
+    """Create campaigns in their order, all or none; return those that their keys have created."""
+    earlier = _find_made(connection, wanted)
+    missing = [each for each in wanted if each.key not in earlier]
+    made = iter(_insert_queued(connection, missing, made_by) if missing else ())
+    return tuple(earlier.get(each.key) or next(made) for each in wanted)
 
 
 def _insert_queued(
-    connection: Connection, specs: Sequence[CampaignSpec], made_by: int | None
+    connection: Connection, wanted: Sequence[NewCampaign], made_by: int | None
 ) -> tuple[Campaign, ...]:
-    """Create campaigns with their jobs and their events.
+    """Create campaigns with their keys, their jobs and their events.
 
     Raises:
         QuotaExceeded: the key's quota of campaigns or episodes would be exceeded.
         NoisePruned: a spec names an episode whose noise was pruned.
     """
     # The noise is held before it is checked: a pruning between the two steps would go unnoticed.
+    specs = [each.spec for each in wanted]
     hold_named_noise(connection, specs)
     refuse_pruned(connection, specs)
     admit_campaigns(connection, made_by, specs)
-    made = tuple(insert_campaign(connection, spec, made_by) for spec in specs)
+    made = tuple(insert_campaign(connection, each.spec, each.form, made_by) for each in wanted)
+    keys = [
+        {"key": each.key, "spec_hash": each.asked, "campaign": campaign.id}
+        for each, campaign in zip(wanted, made, strict=True)
+        if each.key is not None
+    ]
+    if keys:
+        connection.execute(insert(idempotency_keys), keys)
     # All campaigns are inserted before the first event: from an event to the commit, every other
     # writer waits for the counter of events.
     for campaign in made:
@@ -93,36 +110,26 @@ def _insert_queued(
     return made
 
 
-def _find_made_with(
-    connection: Connection, keys: Sequence[str], asked: str
-) -> tuple[Campaign, ...]:
-    """Return the campaigns that these keys have created, in the order of the keys.
+def _find_made(connection: Connection, wanted: Sequence[NewCampaign]) -> dict[str | None, Campaign]:
+    """Return the campaigns that the keys have created, by their keys.
 
     Raises:
-        IdempotencyMismatch: they were created by a request for something else.
+        IdempotencyMismatch: one was created by a request for something else.
     """
-    query = select(idempotency_keys).where(idempotency_keys.c.key.in_(keys))
-    known = {row.key: row for row in connection.execute(query)}
-    for row in known.values():
+    asked = {each.key: each.asked for each in wanted if each.key is not None}
+    if not asked:
+        return {}
+    query = select(idempotency_keys).where(idempotency_keys.c.key.in_(asked))
+    known = connection.execute(query).all()
+    for row in known:
         # Returning the earlier campaign would hide that this request has created nothing.
-        if row.spec_hash != asked:
+        if row.spec_hash != asked[row.key]:
             raise IdempotencyMismatch(
                 f"This Idempotency-Key was used for campaign {row.campaign}, which asks for "
                 "something else.",
                 "Use a new key for a new campaign.",
             )
-    return tuple(read_campaign(connection, known[key].campaign) for key in keys if key in known)
-
-
-def _insert_keys(
-    connection: Connection, keys: Sequence[str], asked: str, made: Sequence[Campaign]
-) -> None:
-    rows = [
-        {"key": key, "spec_hash": asked, "campaign": campaign.id}
-        for key, campaign in zip(keys, made, strict=True)
-    ]
-    if rows:
-        connection.execute(insert(idempotency_keys), rows)
+    return {row.key: read_campaign(connection, row.campaign) for row in known}
 
 
 def derive_key(key: str, place: int) -> str:

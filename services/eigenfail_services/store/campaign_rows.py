@@ -6,12 +6,11 @@ from typing import Any
 from msgspec import UNSET
 from sqlalchemy import Connection, Select, bindparam, insert, select, update
 
-from eigenfail.errors import EigenfailError, NotFound
+from eigenfail.errors import NotFound
 from eigenfail.values.campaign import Campaign, CampaignState, Counts, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.suite import suite_of
-from eigenfail.worlds import find_form
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (
     COUNTS,
@@ -61,14 +60,10 @@ def name_campaign(campaign: Campaign) -> str:
     return f"Campaign {campaign.id} '{campaign.spec.name}'"
 
 
-def insert_campaign(connection: Connection, spec: CampaignSpec, made_by: int | None) -> Campaign:
+def insert_campaign(
+    connection: Connection, spec: CampaignSpec, form: EpisodeForm, made_by: int | None
+) -> Campaign:
     """Insert the row of a queued campaign with no results, and return the campaign."""
-    try:
-        # Stored, so that later campaigns and analyses compare rows: the scenario may be another one
-        # by then, or gone.
-        form = find_form(spec)
-    except EigenfailError:
-        form = EpisodeForm()
     statement = (
         insert(campaigns)
         .values(
@@ -83,6 +78,8 @@ def insert_campaign(connection: Connection, spec: CampaignSpec, made_by: int | N
             active_s=0.0,
             stopped_because="",
             suite=suite_of(spec.name),
+            # Stored, so that later campaigns and analyses compare rows: the scenario may be
+            # another one by then, or gone.
             form=to_json(form),
             **dict.fromkeys(OVERHEAD, 0.0),
             **count_columns(Counts(spec.episodes)),

@@ -3,7 +3,7 @@
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from msgspec.structs import replace
@@ -15,6 +15,7 @@ from eigenfail.values.campaign import (
     Campaign,
     CampaignFilter,
     CampaignState,
+    EpisodeForm,
     Overhead,
 )
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
@@ -23,10 +24,11 @@ from eigenfail.values.records import Job, JobKind, Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.campaign_creation import (
-    create_campaign,
+    NewCampaign,
     create_campaigns,
-    create_missing,
     derive_key,
+    request_many,
+    request_one,
 )
 from eigenfail_services.store.campaign_rows import (
     hash_results,
@@ -66,7 +68,11 @@ class CampaignStore(StorePart):
     """Campaigns and their states."""
 
     def create(
-        self, spec: CampaignSpec, idempotency_key: str | None = None, made_by: int | None = None
+        self,
+        spec: CampaignSpec,
+        idempotency_key: str | None = None,
+        made_by: int | None = None,
+        form: EpisodeForm | None = None,
     ) -> Campaign:
         """Create a campaign, queued with a job; return the same one again for the same key.
 
@@ -74,45 +80,42 @@ class CampaignStore(StorePart):
             spec: the campaign's spec.
             idempotency_key: identifies this request for ever.
             made_by: id of the API key of the request, whose quotas apply.
+            form: length and channels of its episodes, where a check has found them already.
 
         Raises:
             IdempotencyMismatch: the key was used for another spec, whatever its priority.
             QuotaExceeded: the API key does not allow more.
         """
-        return self._database.write_once(create_campaign, spec, idempotency_key, made_by)
+        return self.create_all([request_one(spec, idempotency_key, form)], made_by)[0]
 
     def create_many(
         self,
         specs: Sequence[CampaignSpec],
         idempotency_key: str | None = None,
         made_by: int | None = None,
+        forms: Sequence[EpisodeForm] | None = None,
     ) -> tuple[Campaign, ...]:
         """Create campaigns in this order, all or none; return the same ones for the same key.
 
-        Keys of requests for one campaign are not known here, nor these there.
+        Keys of requests for one campaign are not known here, nor these there. The arguments are
+        those of `create`, and the forms those of the specs.
 
         Raises:
             IdempotencyMismatch: the key was used for another list of specs; none is created.
             QuotaExceeded: the API key does not allow all of them; none is created.
         """
-        return self._database.write_once(create_campaigns, specs, idempotency_key, made_by)
+        return self.create_all(request_many(specs, idempotency_key, forms), made_by)
 
-    def create_missing(
-        self, specs: Mapping[str, CampaignSpec], made_by: int | None = None
+    def create_all(
+        self, wanted: Sequence[NewCampaign], made_by: int | None = None
     ) -> tuple[Campaign, ...]:
-        """Create campaigns by their keys, all or none; return those that exist for known keys.
-
-        A key is the same as that of `create`.
-
-        Args:
-            specs: the spec of each campaign, by its idempotency key, in order.
-            made_by: id of the API key of the request, whose quotas apply.
+        """Create campaigns in this order, all or none; return those that exist for known keys.
 
         Raises:
-            IdempotencyMismatch: a key was used for another spec; none is created.
+            IdempotencyMismatch: a key was used for something else; none is created.
             QuotaExceeded: the API key does not allow all of them; none is created.
         """
-        return self._database.write_once(create_missing, specs, made_by)
+        return self._database.write_once(create_campaigns, wanted, made_by)
 
     def is_key_used(self, idempotency_key: str | None) -> bool:
         """Return whether `create` has created a campaign with this key."""

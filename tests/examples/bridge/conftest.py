@@ -13,12 +13,13 @@ import pytest
 from msgspec.structs import replace
 from warm_command import find_warm_command
 
-from eigenfail import bridges, plugins
+from eigenfail import plugins
 from eigenfail.cli.specs import read_spec
 from eigenfail.settings import read_settings
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import EpisodeResult, learner_seed
 from eigenfail.values.learning import LearnerContext
+from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
@@ -103,7 +104,7 @@ def search(engine) -> Callable[..., list[EpisodeResult]]:
 
     def run(file: Path, address: str, episodes: int) -> list[EpisodeResult]:
         spec = replace(read_spec(file), episodes=episodes)
-        steps = bridges.horizon(spec)
+        steps = world_of(spec.simulator).find_form(spec).steps
         method = plugins.load(plugins.METHODS, spec.method)
         settings = read_settings(method.Settings, spec.settings, "settings")
         none = np.zeros((0, steps, 2), np.float32)

@@ -24,7 +24,7 @@ def but(**changes):
 
 
 def test_a_good_spec_comes_back_as_it_was():
-    assert check_spec(GOOD).spec is GOOD
+    assert check_spec(GOOD).spec == GOOD
 
 
 def test_the_horizon_is_the_scenarios():
@@ -126,7 +126,7 @@ def test_a_rule_on_an_estimate_needs_settings_under_which_there_is_one():
     with pytest.raises(InvalidValue, match=r"held for 5 steps has no density under p\(z\)"):
         check_spec(but(method="ensemble", settings=members, stop=given))
     spec = but(method="ast", settings={"hold": 1}, stop=given)
-    assert check_spec(spec).spec is spec
+    assert check_spec(spec).spec == spec
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ SPLITTING = {"method": "splitting", "episodes": 4000}
 
 def test_splitting_takes_a_scenario_with_fixed_parameters():
     spec = but(**SPLITTING, scenario_parameters={"distance_m": 55.0})
-    assert check_spec(spec).spec is spec
+    assert check_spec(spec).spec == spec
 
 
 def test_what_continues_episodes_is_refused_where_parameters_are_drawn():

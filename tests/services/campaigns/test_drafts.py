@@ -144,9 +144,9 @@ def test_changes_go_over_settings_but_not_over_those_of_another_plug_in() -> Non
     assert change_fields(fields, {"settings": 3})["settings"] == 3
 
 
-def test_a_clone_is_checked(store: Store) -> None:
+def test_a_clone_is_checked() -> None:
     with pytest.raises(InvalidValue):
-        clone(CampaignSpec(**FIELDS), {"episodes": 0}, store)
+        clone(CampaignSpec(**FIELDS), {"episodes": 0})
 
 
 def test_only_what_has_ended_and_learns_can_be_built_upon(store: Store) -> None:

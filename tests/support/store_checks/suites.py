@@ -6,6 +6,7 @@ from eigenfail.values.campaign import CampaignFilter, CampaignState
 from eigenfail.values.records import Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail_services.store import Store
+from eigenfail_services.store.campaign_creation import request_one
 from store_checks.examples import deliver, equal, running
 
 S = CampaignState
@@ -106,13 +107,13 @@ def creates_what_is_missing_of_a_suite(store: Store) -> None:
     """Campaigns of unknown keys are created beside those of known ones, all or none."""
     first, second, third = (spec(name=f"m: {n}", seed=n) for n in range(3))
     known = store.campaigns.create(second, "key-2").id
-    made = store.campaigns.create_missing({"key-1": first, "key-2": second})
+    made = store.campaigns.create_all([request_one(first, "key-1"), request_one(second, "key-2")])
     equal([each.spec.seed for each in made], [0, 1], "Campaigns in the order of their keys")
     equal(made[1].id, known, "The campaign of a known key")
-    equal(store.campaigns.create_missing({"key-1": first}), made[:1], "A repeated call")
+    equal(store.campaigns.create_all([request_one(first, "key-1")]), made[:1], "A repeated call")
     equal(store.campaigns.create(first, "key-1"), made[0], "The same key of a single campaign")
     try:
-        store.campaigns.create_missing({"key-3": third, "key-2": first})
+        store.campaigns.create_all([request_one(third, "key-3"), request_one(first, "key-2")])
     except IdempotencyMismatch:
         pass
     else:

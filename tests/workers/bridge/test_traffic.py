@@ -175,7 +175,7 @@ def make_spec(formula: str) -> CampaignSpec:
 def test_a_requirement_may_name_a_signal_of_the_bridge(serving, on_bridge) -> None:
     formula = "always (bridge.planned_gap_m > 22)"
     spec = make_spec(formula)
-    assert world_of("bridge").resolve_requirements(spec) == spec.requirements
+    assert world_of("bridge").resolve(spec)[0].requirements == spec.requirements
     result = run(serving, on_bridge, steps=12, requirements=spec.requirements)
     # It is 30 m at the start, and 1 m less after each step: 18 m at the last one.
     assert result.fault is None
@@ -213,6 +213,6 @@ def test_other_worlds_have_no_signals_of_a_bridge() -> None:
         make_spec("always (bridge.gap > 1)"), simulator="highway", scenario_parameters={}
     )
     with pytest.raises(UnknownName, match=r"bridge\.gap"):
-        world_of("highway").resolve_requirements(spec)
+        world_of("highway").resolve(spec)
     with pytest.raises(InvalidValue, match=r"requirements\[0\]\.formula"):
-        world_of("bridge").resolve_requirements(make_spec("always (bridge.gap >"))
+        world_of("bridge").resolve(make_spec("always (bridge.gap >"))
