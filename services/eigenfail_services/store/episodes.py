@@ -15,7 +15,7 @@ from sqlalchemy.dialects.postgresql import psycopg
 
 from eigenfail import filters
 from eigenfail.values import records
-from eigenfail.values.comparison import MOST_TRIALS, PairTotals, Trials
+from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.records import Page
 from eigenfail.values.safety import MOST_POINTS, SafetyTotals, SeveritySample
@@ -63,7 +63,6 @@ from eigenfail_services.store.schema import (
 )
 from eigenfail_services.store.totals import (
     count_pairs,
-    read_trials,
     sample_severities,
     sum_blocks,
     sum_safety,
@@ -448,15 +447,6 @@ class EpisodeStore:
         """Return the severities of the failures from the index `first` on."""
         with self._database.reading() as connection:
             return sample_severities(connection, campaign, first)
-
-    def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
-        """Return seeds and outcomes of the completed episodes in index order.
-
-        If there are more than `most`, of every k-th from the first one on, for the smallest
-        sufficient k.
-        """
-        with self._database.reading() as connection:
-            return read_trials(connection, campaign, most)
 
     def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
         """Return the worker time in the episodes, and when they landed.
