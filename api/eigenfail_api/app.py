@@ -67,7 +67,6 @@ from eigenfail_api.settings import (
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
-# Figures come before campaigns, whose /{campaign} would take /region for an id.
 ROUTERS = (
     analyses.figures_router,
     operations.workers_router,

@@ -57,8 +57,6 @@ PAGES = {
     ],
     "/campaigns/{campaign}/episodes/{index}/account": ["/campaigns/{real}/episodes/0/account"],
     "/campaigns/{campaign}/episodes/{index}/clip": ["/campaigns/{real}/episodes/0/clip"],
-    "/campaigns/{campaign}/region": ["/campaigns/{varied}/region"],
-    "/campaigns/{campaign}/region/boxes": ["/campaigns/{varied}/region/boxes"],
     "/replays/{campaign}": ["/replays/{queued}"],
     "/analyses/{analysis}": [
         *("/analyses/{analysis}", "/analyses/{failed_analysis}", "/analyses/{waiting_analysis}"),

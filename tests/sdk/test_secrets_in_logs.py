@@ -182,13 +182,12 @@ def test_every_program_has_its_logs_redacted():
     from eigenfail_api import __main__ as api
     from eigenfail_services import __main__ as services
     from eigenfail_services.campaigns import ray_process
-    from eigenfail_services.comparison import region
     from eigenfail_services.hub import learner_process
     from eigenfail_workers import __main__ as workers
     from eigenfail_workers.worker import actor, child
 
     for module in (
-        *(main, api, services, region, ray_process, learner_process),
+        *(main, api, services, ray_process, learner_process),
         *(workers, actor, child),
     ):
         text = Path(module.__file__).read_text()

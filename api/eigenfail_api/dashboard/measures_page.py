@@ -1,9 +1,5 @@
-"""Safety, cost, workers and failing region of a campaign, which take longer to compute.
+"""Safety, cost and workers of a campaign, which take longer to compute than its page."""
 
-They are parts of the campaign's page, and pages of their own.
-"""
-
-from anyio.to_thread import run_sync
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
@@ -32,10 +28,8 @@ from eigenfail_api.dashboard.charts import Chart, round_values, tabulate_first
 from eigenfail_api.dashboard.overview_page import MOST_LINES
 from eigenfail_api.dashboard.rendering import Tile, page, write_time
 from eigenfail_api.parameters import CampaignId, Stored
-from eigenfail_api.routes.analyses import COSTS, REGIONS
+from eigenfail_api.routes.analyses import COSTS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
-from eigenfail_services.campaigns.validation import list_drawn
-from eigenfail_services.comparison.region import find_region_in_process
 
 NOT_CLASSIFIED = "not classified"
 COLLISION = "collision, "
@@ -156,8 +150,6 @@ def make_measures_view(
         "cost_tiles": make_cost_tiles(cost),
         "cost_chart": make_curve_chart(cost) if len(cost.curve) > 1 else None,
         "time": list_time(cost.time),
-        # Only where scenario parameters are drawn may some of their values fail more often.
-        "varies": some and bool(list_drawn(campaign.spec)),
         "workers": workers,
     }
 
@@ -198,18 +190,3 @@ def read_measures(campaign: Campaign, found: CampaignFigures) -> dict[str, objec
     """Return safety, cost and workers of a campaign."""
     workers = campaigns.tabulate_workers(found.workers, _make_time_cell, MOST_LINES)
     return make_measures_view(campaign, found.safety, found.cost, workers)
-
-
-@router.get("/campaigns/{campaign}/region")
-def show_region(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """Show the page on which the failing region of a campaign appears."""
-    # The region takes seconds to find: the page stands first, and then asks for the boxes.
-    return page("region.html", store.campaigns.get(campaign), found=())
-
-
-@router.get("/campaigns/{campaign}/region/boxes")
-async def show_boxes(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """Show the failing region of a campaign, which its page loads later."""
-    found = await REGIONS.do(find_region_in_process, store, (campaign,))
-    seen = await run_sync(store.campaigns.get, campaign)
-    return page("region.html", seen, found=campaigns.describe_region(found))

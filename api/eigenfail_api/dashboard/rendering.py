@@ -123,12 +123,14 @@ class CampaignFile(NamedTuple):
         note: format of the file, beside the link.
         address: address of the file, with `{campaign}` in the place of the campaign's id.
         is_button: whether it is a button beside the list of files, and not in the list.
+        is_page: whether it is a page, which a browser shows and does not store.
     """
 
     title: str
     note: str
     address: str
     is_button: bool = False
+    is_page: bool = False
 
 
 class ForeignLinks(NamedTuple):

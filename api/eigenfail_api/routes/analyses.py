@@ -12,7 +12,7 @@ from eigenfail.values.analysis import (
     FailureMode,
     Mode,
 )
-from eigenfail.values.comparison import Comparison, PeerCosts, Region
+from eigenfail.values.comparison import Comparison, PeerCosts
 from eigenfail.values.proof import Proof
 from eigenfail.values.records import Page
 from eigenfail.values.safety import TAIL_LEVEL, Safety
@@ -21,14 +21,13 @@ from eigenfail.values.summary import CampaignCost
 from eigenfail.values.triage import Triage, TriageChange, TriageState, check_change
 from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
 from eigenfail_api import parameters
-from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
+from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
 from eigenfail_services.campaigns.analysis_jobs import find_basis
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.proofs import launch_replays, read_result, summarise_proof
 from eigenfail_services.campaigns.summary import find_safety
 from eigenfail_services.comparison.peers import compare_peers
-from eigenfail_services.comparison.region import find_region_in_process
 from eigenfail_services.comparison.seeds import find_spreads
 from eigenfail_services.comparison.sides import compare
 
@@ -223,10 +222,6 @@ def get_cost(store: parameters.Stored, campaign: parameters.CampaignId) -> param
     return parameters.Json(find_spending(store, store.campaigns.get(campaign)))
 
 
-# One at a time: a region is computed in a process that occupies a core for seconds.
-REGIONS = SerialExecutor("region")
-
-
 Level = Annotated[float, Query(gt=0.0, lt=1.0, description="Level of VaR and CVaR of severity.")]
 
 
@@ -236,9 +231,3 @@ def get_safety(
 ) -> parameters.Json:
     """Get collisions, near misses, MinTTC, DRAC and severity of a campaign so far."""
     return parameters.Json(find_safety(store, store.campaigns.get(campaign), level))
-
-
-@figures_router.get("/campaigns/region", **document_route(Region))
-async def get_region(store: parameters.Stored, campaigns: Ids) -> parameters.Json:
-    """Get the region of scenario parameters in which the episodes of campaigns fail."""
-    return parameters.Json(await REGIONS.do(find_region_in_process, store, parse_ids(campaigns)))

@@ -1,24 +1,20 @@
-"""Costs, failing regions and minimal failures."""
+"""Costs and minimal failures."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from eigenfail.errors import Conflict, InputError
+from eigenfail.errors import Conflict
 from eigenfail.presentation import figures, svg
 from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.tables import format_cost
 from eigenfail.values.analysis import MinimalFailure
-from eigenfail.values.comparison import Region
-from eigenfail.values.estimates import Rate
 from eigenfail.values.summary import CampaignCost, CostPoint
 from eigenfail.worlds import list_channels
 from eigenfail_reports import page
-from eigenfail_reports.contents import OWN_EPISODES, Cell, ReportPicture
+from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import Material, Subject
-from eigenfail_reports.outcomes import list_bounds
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
-from eigenfail_services.comparison.region import find_region
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -177,122 +173,6 @@ def draw_cost(group: Sequence[Spent]) -> svg.Drawing:
         page.draw_legend(axes)
 
     return svg.Drawing(draw, 3.0 + 0.16 * len(group))
-
-
-REGION_TABLE = "region"
-
-
-REGION_COLUMNS = (
-    ("campaigns", "Campaigns"),
-    ("box", "Part"),
-    ("parameter", "Parameter"),
-    ("low", "from"),
-    ("high", "to"),
-    ("unit", "Unit"),
-    ("coverage", "Share of the failures inside", "share"),
-    ("precision", "Failure rate inside", "share"),
-    ("precision_low", "from", "share"),
-    ("precision_high", "to", "share"),
-)
-
-
-REGION_WORDS = (
-    "Where the scenario's parameters vary from episode to episode or from campaign to campaign, a "
-    "small decision tree looks for the parts in which the planner fails more often. It was grown "
-    "on one half of the episodes; all figures are of the other half, with intervals of 95 %."
-)
-
-
-HEADER = ("Campaigns", "Where", "Share of the failures inside", "Failure rate inside")
-
-
-def make_region(material: Material) -> page.ReportPart | None:
-    """The failing regions of campaigns on one planner in one scenario."""
-    found = [region for region in find_regions(material) if region.parameters]
-    if not found:
-        return None
-    lines = tuple(line for region in found for line in describe_parts(region))
-    return page.ReportPart(
-        name="region",
-        title="Failing region",
-        words=(
-            REGION_WORDS,
-            *(sentence for region in found for sentence in describe_region(region)),
-        ),
-        tables=(
-            page.make_table(
-                REGION_TABLE,
-                "Parts of the failing region",
-                REGION_COLUMNS,
-                [*list_region_rows(found)],
-            ),
-        ),
-        grids={REGION_TABLE: (page.Grid(HEADER, lines),)} if lines else {},
-    )
-
-
-def find_regions(material: Material) -> Iterator[Region]:
-    """Yield a region for each planner in each scenario that is installed here."""
-    together: dict[tuple[str, ...], list[int]] = {}
-    for subject in material.subjects:
-        spec = subject.campaign.spec
-        together.setdefault((spec.scenario, spec.planner, spec.simulator), []).append(subject.id)
-    for ids in together.values():
-        try:
-            yield find_region(material.store, ids)
-        except InputError:
-            continue
-
-
-def list_campaigns(region: Region) -> str:
-    """The campaigns that a region is of."""
-    return ", ".join(map(str, region.campaigns))
-
-
-def describe_region(region: Region) -> Iterator[str]:
-    """What keeps a region from saying more, or how surely it is one."""
-    who = f"Campaigns {list_campaigns(region)}"
-    found = f"{region.failures:,} failures in {region.episodes:,} episodes"
-    yield f"{who}: {', '.join(region.parameters)} vary; {found}."
-    if region.p_value is not None:
-        p_value = figures.format_number(region.p_value)
-        yield f"{who}: chance alone would put this many failures there with p = {p_value}."
-    yield from (f"{who}: {note}" for note in (region.problem, *region.warnings) if note)
-
-
-def list_region_rows(found: list[Region]) -> Iterator[tuple[Cell, ...]]:
-    """Yield a row for each bound of each box."""
-    for region in found:
-        for number, box in enumerate(region.boxes, start=1):
-            rate = box.precision
-            inside = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
-            for bound in box.bounds:
-                where = (bound.parameter, bound.low, bound.high, bound.unit)
-                yield (list_campaigns(region), number, *where, box.coverage.value, *inside)
-
-
-def describe_parts(region: Region) -> Iterator[tuple[tuple[str, ...], ...]]:
-    """A row for each part, in words."""
-    for box in region.boxes:
-        yield (
-            (list_campaigns(region),),
-            (box.words,),
-            format_region_share(box.coverage),
-            format_region_share(box.precision),
-        )
-
-
-def format_region_share(found: Rate | None) -> tuple[str, ...]:
-    """A share with its interval and what it rests on."""
-    if found is None:
-        return (figures.UNKNOWN,)
-    counted = f"{found.k:,} of {found.n:,}"
-    if found.interval is None:
-        return (figures.format_share(found.value), f"{counted} {OWN_EPISODES}")
-    return (
-        figures.format_share(found.value),
-        f"95 %: {figures.format_percent_interval(found.interval)}, {counted}",
-    )
 
 
 MINIMAL_WORDS = "A failing noise trajectory reduced to the noise that is necessary for the failure."

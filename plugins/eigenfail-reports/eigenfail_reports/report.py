@@ -17,6 +17,7 @@ from eigenfail_reports import (
     courses,
     evidence,
     failure_modes,
+    foreign_sections,
     outcomes,
     seeds,
     triage,
@@ -46,9 +47,8 @@ PARTS: tuple[MakePart, ...] = (
     causes.make_influence,
     evidence.make_variance,
     evidence.make_training,
-    costs.make_region,
-    outcomes.make_provenance,
 )
+"""The sections of this package. Those of other plug-ins follow, and provenance ends a report."""
 
 PAGE, DATA = "report.html", "report.json"
 
@@ -112,7 +112,7 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
         NotFound: no such campaign.
     """
     material = materials.gather_material(store, campaigns)
-    parts = tuple(part for make_part in PARTS if (part := make_part(material)) is not None)
+    parts = tuple(list_parts(material))
     ids = " ".join(map(str, campaigns))
     report = Report(
         title=title_report(material),
@@ -123,6 +123,15 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
         sections=tuple(part.section for part in parts),
     )
     return Made(report, parts)
+
+
+def list_parts(material: Material) -> Iterator[ReportPart]:
+    """Yield the sections that have something to say."""
+    for make_part in PARTS:
+        if part := make_part(material):
+            yield part
+    yield from foreign_sections.make_foreign_parts(material)
+    yield outcomes.make_provenance(material)
 
 
 def title_report(material: materials.Material) -> str:

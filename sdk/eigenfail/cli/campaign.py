@@ -28,7 +28,6 @@ from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.campaigns import (
     describe_campaign,
     describe_costs,
-    describe_region,
     describe_safety,
     list_campaign_facts,
     tabulate_campaigns,
@@ -185,12 +184,6 @@ Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")
 Ids = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
 ]
-VariedIds = Annotated[
-    list[int],
-    typer.Argument(
-        metavar="CAMPAIGN...", min=1, help="A campaign with varying parameters, or those of a grid."
-    ),
-]
 
 
 @app.command("list")
@@ -312,14 +305,6 @@ def safety(
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
     found = client.campaigns.safety(campaign, level)
     return CommandResult(found, *describe_safety(found))
-
-
-@app.command()
-@prints_answer("Searching for the failing region")
-def region(client: Client, campaigns: VariedIds) -> CommandResult:
-    """Show where among the scenario's parameters the episodes of campaigns fail."""
-    found = client.campaigns.region(campaigns)
-    return CommandResult(found, *describe_region(found))
 
 
 @app.command()

@@ -44,6 +44,7 @@ OF_THE_SERVER = frozenset({"db"})
 PLUGINS = {
     "evidence": "eigenfail-assurance",
     "noise": "eigenfail-noise-fit",
+    "region": "eigenfail-failing-region",
     "report": "eigenfail-reports",
     "reproduce": "eigenfail-reproduction",
     "requirement": "eigenfail-assurance",

@@ -19,7 +19,7 @@ from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
 from eigenfail.values.analysis import MinimalFailure
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec, Priority, PriorityChange
-from eigenfail.values.comparison import Comparison, PeerCosts, Region
+from eigenfail.values.comparison import Comparison, PeerCosts
 from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.records import Page
@@ -358,19 +358,6 @@ class Campaigns:
             NotFound: no such campaign.
         """
         return self._link.get(f"{locate_campaign(campaign)}/cost", CampaignCost)
-
-    def region(self, campaigns: CampaignsLike) -> Region:
-        """Where among the scenario's parameters the episodes so far fail.
-
-        Args:
-            campaigns: one whose parameters vary, or several on one scenario, such as a grid's.
-
-        Raises:
-            NotFound: no such campaign.
-            InvalidValue: none is named, one twice, or they are on different scenarios.
-            UnknownName: the service does not have their scenario.
-        """
-        return self._link.get("/campaigns/region", Region, {"campaigns": _join_ids(campaigns)})
 
     def compare(self, a: CampaignsLike, b: CampaignsLike) -> Comparison:
         """Two campaigns side by side, or two groups of them that differ in their seeds alone.

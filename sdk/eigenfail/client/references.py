@@ -73,7 +73,7 @@ def find_campaign_ids(campaigns: CampaignsLike) -> tuple[int, ...]:
     Raises:
         InvalidValue: no campaign is named, or one is neither an id nor an object of a campaign.
     """
-    # Lists of a client are iterable, too: `region(client.campaigns.list())` needs no ids.
+    # Lists of a client are iterable, too: `compare(client.campaigns.list(), 1)` needs no ids.
     named = campaigns if isinstance(campaigns, Iterable) else (campaigns,)
     if not (ids := tuple(map(find_campaign_id, named))):
         raise InvalidValue("campaigns", "none is named.", "Name at least one.")

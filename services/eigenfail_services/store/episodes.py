@@ -15,7 +15,7 @@ from sqlalchemy.dialects.postgresql import psycopg
 
 from eigenfail import filters
 from eigenfail.values import records
-from eigenfail.values.comparison import MOST_TRIALS, PairTotals, Trials
+from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.records import Page
 from eigenfail.values.safety import SeveritySample
@@ -62,7 +62,6 @@ from eigenfail_services.store.schema import (
 )
 from eigenfail_services.store.totals import (
     count_pairs,
-    read_trials,
     sample_severities,
 )
 
@@ -429,14 +428,6 @@ class EpisodeStore(StorePart):
     def sample_severities(self, campaign: int, first: int) -> SeveritySample:
         """Return the severities of the failures from the index `first` on."""
         return self._database.read(sample_severities, campaign, first)
-
-    def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
-        """Return seeds and outcomes of the completed episodes in index order.
-
-        If there are more than `most`, of every k-th from the first one on, for the smallest
-        sufficient k.
-        """
-        return self._database.read(read_trials, campaign, most)
 
     def paired(self, first: int, second: int) -> PairTotals:
         """Count episodes that both campaigns completed with one seed and source, by outcome."""

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from eigenfail.values import records
-from eigenfail.values.comparison import PairTotals, Trials
+from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import FAILURES, Outcome
 from eigenfail.values.safety import (
     FailurePoint,
@@ -303,26 +303,6 @@ def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tup
     every = max(1, ceil(completed / most))
     chosen = sa.or_(landed.place % every == 0, landed.place == completed)
     return sa.select(*landed).where(chosen).order_by(landed.place)
-
-
-_TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
-
-
-def read_trials(connection: sa.Connection, campaign: int, most: int) -> Trials:
-    """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
-    inside = (episodes.c.campaign == campaign, _COMPLETED)
-    count = connection.execute(sa.select(sa.func.count()).where(*inside)).scalar_one()
-    place = sa.func.row_number().over(order_by=episode_index).label("place")
-    ranked = sa.select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
-    query = (
-        sa.select(ranked.seed, ranked.outcome)
-        .where((ranked.place - 1) % max(1, ceil(count / most)) == 0)
-        .order_by(ranked.place)
-        .execution_options(yield_per=_CHUNK)
-    )
-    rows = ((seed, outcome in FAILURES) for seed, outcome in connection.execute(query))
-    found = np.fromiter(rows, _TRIAL)
-    return Trials(found["seed"], found["failed"])
 
 
 _SUMMED = tuple(episodes.c[name] for name in ENDED_COLUMNS)

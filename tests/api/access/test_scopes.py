@@ -37,8 +37,6 @@ ROUTES = {
         GET /campaigns/{campaign}/episodes/{index}/clip
         GET /campaigns/{campaign}/failures
         GET /campaigns/{campaign}/measures
-        GET /campaigns/{campaign}/region
-        GET /campaigns/{campaign}/region/boxes
         GET /comparison
         GET /copies
         GET /failures
@@ -71,7 +69,6 @@ ROUTES = {
         GET /api/v1/analyses/{analysis}/proof
         GET /api/v1/campaigns
         POST /api/v1/campaigns/check
-        GET /api/v1/campaigns/region
         GET /api/v1/campaigns/summaries
         GET /api/v1/campaigns/{campaign}
         GET /api/v1/campaigns/{campaign}/analyses

@@ -1,4 +1,4 @@
-"""What the episode's page leads to: account, clip, replay, failing region."""
+"""What the episode's page leads to: account, clip, replay."""
 
 import pytest
 from msgspec.structs import replace
@@ -131,12 +131,6 @@ def test_a_replay_is_awaited_until_it_arrives_or_ends(check_page, campaign, deli
 def test_a_replay_that_came_to_nothing_says_so(check_page, store, campaign):
     store.campaigns.move(campaign, CampaignState.CANCELLED)
     check_page("dashboard/replay/cancelled", f"/replays/{campaign}")
-
-
-def test_a_region_says_why_there_is_none(check_page, campaign, deliver, result):
-    deliver(campaign, result(0))
-    check_page("dashboard/region/computing", f"/campaigns/{campaign}/region")
-    check_page("dashboard/region/none", f"/campaigns/{campaign}/region/boxes")
 
 
 def test_a_replay_leads_back_to_what_it_repeats(check_page, http, campaign, deliver, result):

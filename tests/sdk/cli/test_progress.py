@@ -159,7 +159,6 @@ WAITING_COMMANDS = {
     "suite show {tmp}/suite.toml": "Reading the results of Two",
     "compare 1 1": "Comparing the campaigns",
     "campaign safety 1": "Reading the measures",
-    "campaign region 1": "Searching for the failing region",
     "campaign cost 1": "Reading the costs",
     "campaign course 1": "Reading the episodes",
     "campaign digest 1": "Reading the results",

@@ -1,4 +1,4 @@
-"""Checks of what `EpisodeStore` makes of safety measures, parameters and times."""
+"""Checks of what `EpisodeStore` makes of safety measures and times."""
 
 import time
 
@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
 from eigenfail.values.campaign import Overhead
-from eigenfail.values.episode import MAX_SEED, EpisodeResult
+from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import ConflictClass
 from eigenfail.values.safety import FailurePoint, MeasureTotals, SafetyTotals
@@ -78,27 +78,6 @@ def point_of(given: EpisodeResult) -> FailurePoint:
     )
 
 
-def lists_trials(store: Store) -> None:
-    """Seeds and outcomes of completed episodes in index order, or of every k-th."""
-    campaign, other = running(store, episodes=20), running(store)
-    equal(trials(store, campaign.id), [], "Trials of nothing")
-    large = replace(collision(11), seed=MAX_SEED)
-    deliver(store, campaign, large, *reversed(driven()))
-    deliver(store, other, result(0))
-    wanted = [(100 + n, n % 2 == 1) for n in range(10)] + [(MAX_SEED, True)]
-    equal(trials(store, campaign.id), wanted, "Trials")
-    for most, every in ((10, 2), (11, 1), (3, 4), (1, 11)):
-        equal(trials(store, campaign.id, most), wanted[::every], f"At most {most} trials")
-    for who in BEYOND:
-        equal(trials(store, who), [], f"Trials of {who}")
-
-
-def trials(store: Store, campaign: int, most: int = 100) -> list[tuple[int, bool]]:
-    """Pairs of seed and outcome."""
-    found = store.episodes.trials(campaign, most)
-    return list(zip(found.seeds.tolist(), found.failed.tolist(), strict=True))
-
-
 def follows_progress(store: Store) -> None:
     """Worker time by what became of it; progress in the order in which results were stored."""
     campaign, other = running(store, episodes=20), running(store)
@@ -137,7 +116,6 @@ def adds_overhead(store: Store) -> None:
 CHECKS = (
     sums_up_safety,
     shows_failures_as_points,
-    lists_trials,
     follows_progress,
     adds_overhead,
 )

@@ -1,4 +1,4 @@
-"""What a report says of proofs, minimal failures and failing regions, once there are any."""
+"""What a report says of proofs and minimal failures, once there are any."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +15,6 @@ from eigenfail_services.analysis.footprints import find_struck
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
-from eigenfail_services.comparison.region import find_region
 from eigenfail_services.store import Store, open_store
 
 VARIED = {"scenario_parameters": {"distance_m": {"uniform": [52.0, 70.0]}}, "episodes": 80}
@@ -77,32 +76,6 @@ def test_the_minimal_failure_is_the_one_that_was_found(material: Material, store
     assert found.words in " ".join(part.section.words)
 
 
-def test_without_a_region_it_says_why(material: Material, store: Store) -> None:
-    part = costs.make_region(material)
-    assert part is not None
-    found = find_region(store, (1, 2))
-    assert not found.boxes
-    assert found.problem
-    assert found.problem in " ".join(part.section.words)
-
-
-def test_the_region_is_the_one_that_was_found(run: Callable[..., int]) -> None:
-    store = open_store("memory://")
-    near_or_far = {"distance_m": {"choice": [52.0, 70.0]}}
-    run(store, name="Near or far", scenario_parameters=near_or_far, episodes=120)
-    part = costs.make_region(gather_material(store, (1,)))
-    assert part is not None
-    found = find_region(store, (1,))
-    (box,) = found.boxes
-    (bound,) = box.bounds
-    assert (bound.parameter, bound.high) == ("distance_m", 52.0)
-    (row,) = rows(part, "region")
-    assert (row["box"], row["parameter"], row["high"]) == (1, "distance_m", 52.0)
-    words = " ".join(part.section.words)
-    assert "distance_m vary" in words
-    assert "chance alone would put this many failures there with p = " in words
-
-
 ABSENT = (np.nan,) * 4
 
 
@@ -129,5 +102,5 @@ def test_nothing_is_said_where_there_is_nothing(run: Callable[..., int]) -> None
     store = open_store("memory://")
     run(store, name="Plain", first=3)
     material = gather_material(store, (1,))
-    for make in (evidence.make_proof, costs.make_minimal, costs.make_region):
+    for make in (evidence.make_proof, costs.make_minimal):
         assert make(material) is None

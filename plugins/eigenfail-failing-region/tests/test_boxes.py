@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail_services.analysis.region import (
+from eigenfail_failing_region.boxes import (
     SIGNIFICANCE,
     RegionQuestion,
     describe_bound,

@@ -13,9 +13,10 @@ from eigenfail.errors import InvalidValue
 from eigenfail.processes import answer
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.comparison import MOST_TRIALS, Region
 from eigenfail.worlds import world_of
-from eigenfail_services.analysis.region import RegionQuestion, find_failing_region
+from eigenfail_failing_region.boxes import RegionQuestion, find_failing_region
+from eigenfail_failing_region.trials import read_trials
+from eigenfail_failing_region.values import Region
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.comparison.comparability import find_mixed_fields, list_unpairable
 from eigenfail_services.comparison.sides import warn_of_unfinished
@@ -24,7 +25,7 @@ from eigenfail_services.store import Store
 Parameters = dict[str, object]
 
 
-MODULE = "eigenfail_services.comparison.region"
+MODULE = "eigenfail_failing_region.campaigns"
 
 
 APART = frozenset({"method", "planner", "simulator", "disturbance model"})
@@ -32,6 +33,10 @@ APART = frozenset({"method", "planner", "simulator", "disturbance model"})
 
 
 PATIENCE_S = 120.0
+
+
+MOST_TRIALS = 20_000
+"""How many episodes a region rests on at most."""
 
 
 Numbers = Annotated[bytes, "int64, little-endian"]
@@ -103,7 +108,7 @@ def _read_query(store: Store, ids: Sequence[int], most: int) -> RegionQuery:
 
 
 def _read_examined(store: Store, campaign: Campaign, most: int) -> ExaminedEpisodes:
-    trials = store.episodes.trials(campaign.id, most)
+    trials = read_trials(store.database, campaign.id, most)
     return ExaminedEpisodes(
         campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.failed.tobytes()
     )

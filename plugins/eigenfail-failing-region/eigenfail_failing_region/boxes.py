@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values.comparison import Bound, Box, Region
 from eigenfail.values.estimates import Rate
+from eigenfail_failing_region.values import Bound, Box, Region
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 
 if TYPE_CHECKING:

@@ -1,11 +1,12 @@
-"""`eigenfail campaign region`: where a planner fails, at a prompt."""
+"""`eigenfail region`: where a planner fails, at a prompt."""
 
 import json
 
 import pytest
 
-from eigenfail.values.comparison import Region
+from eigenfail import progress
 from eigenfail.wire.http import decode
+from eigenfail_failing_region.values import Region
 
 
 @pytest.fixture
@@ -19,21 +20,34 @@ def varied(eigenfail, spec_file):
 
 
 def test_a_region_is_a_table_with_its_chance(check_session, eigenfail, varied):
-    found = decode(eigenfail("campaign", "region", varied, "--json").stdout.encode(), Region)
+    found = decode(eigenfail("region", varied, "--json").stdout.encode(), Region)
     (box,) = found.boxes
     assert box.words == "distance at most 52 m"
-    check_session("cli/region/found", ("campaign", "region", varied))
+    check_session("cli/region/found", ("region", varied))
 
 
 def test_without_enough_failures_it_says_why_there_is_none(check_session, eigenfail, spec_file):
     parameters = "[scenario_parameters]\ndistance_m = { uniform = [52.0, 70.0] }\n"
     spec_file.write_text(spec_file.read_text() + parameters)
     assert eigenfail("run", spec_file).exit_code == 0
-    check_session("cli/region/none", ("campaign", "region", 1))
+    check_session("cli/region/none", ("region", 1))
 
 
 def test_what_cannot_be_asked_exits_with_2(check_session, done):
     check_session(
         "cli/errors/region",
-        *(("campaign", "region", *words) for words in ((99,), (done, done), ())),
+        *(("region", *words) for words in ((99,), (done, done), ())),
     )
+
+
+def test_the_step_that_may_take_long_is_announced(eigenfail, done, monkeypatch):
+    begun = []
+
+    class Recorded(progress.WaitingLines):
+        def __init__(self, step):
+            super().__init__(step)
+            begun.append(step)
+
+    monkeypatch.setattr(progress, "WaitingLines", Recorded)
+    assert eigenfail("region", done).exit_code == 0
+    assert "Searching for the failing region" in begun

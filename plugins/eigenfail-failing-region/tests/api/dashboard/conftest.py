@@ -1,0 +1,5 @@
+"""Pages, asked for as a browser asks."""
+
+from borrowed_fixtures import borrow
+
+globals().update(borrow("api/dashboard"))

@@ -1,0 +1,98 @@
+"""Sections that other plug-ins add to a report.
+
+An entry point of the group `eigenfail.report_sections` names a function of the store and the
+campaigns of a report. It returns sentences and tables, which need nothing of this package, or
+nothing where it has nothing to say. The entry point's name is the name of the section.
+"""
+
+import logging
+import re
+from collections.abc import Iterator, Sequence
+
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError
+from eigenfail.presentation.tables import Block, Table, TableColumn, format_line
+from eigenfail.presentation.tables import Cell as TableCell
+from eigenfail.values.estimates import Rate
+from eigenfail_reports.contents import Cell, ReportTable
+from eigenfail_reports.material import Material
+from eigenfail_reports.outcomes import list_bounds
+from eigenfail_reports.page import Grid, ReportPart, make_table
+
+GROUP = "eigenfail.report_sections"
+
+log = logging.getLogger(__name__)
+
+
+def make_foreign_parts(material: Material) -> Iterator[ReportPart]:
+    """Yield the sections of other plug-ins, sorted by name.
+
+    One that cannot be loaded is logged and left out: the report must work without it.
+    """
+    campaigns = tuple(subject.campaign for subject in material.subjects)
+    for name in plugins.names(GROUP):
+        try:
+            describe = plugins.load(GROUP, name)
+        except EigenfailError:
+            log.exception("The section '%s' is left out of reports.", name)
+            continue
+        if blocks := describe(material.store, campaigns):
+            yield make_part(name, blocks)
+
+
+def make_part(name: str, blocks: Sequence[Block]) -> ReportPart:
+    """Return a section of these sentences and tables.
+
+    Args:
+        name: name of the section, with dashes for spaces: its title, and the name of its tables.
+        blocks: sentences and tables.
+    """
+    tables = [block for block in blocks if isinstance(block, Table)]
+    names = [name if place == 1 else f"{name}-{place}" for place in range(1, len(tables) + 1)]
+    numbered = list(zip(names, tables, strict=True))
+    return ReportPart(
+        name=name,
+        title=name.replace("-", " ").capitalize(),
+        words=tuple(block for block in blocks if isinstance(block, str)),
+        tables=tuple(make_report_table(each, table) for each, table in numbered),
+        grids={each: (make_grid(table),) for each, table in numbered if table.rows},
+    )
+
+
+def make_grid(table: Table) -> Grid:
+    """Return a table as people read it."""
+    rows = tuple(tuple(cell.lines for cell in row) for row in table.cells)
+    return Grid(tuple(column.heading for column in table.columns), rows)
+
+
+def make_report_table(name: str, table: Table) -> ReportTable:
+    """Return a table as unrounded numbers; a rate has two more columns, with its bounds."""
+    columns: list[tuple[str, str, str]] = []
+    has_rates = []
+    for place, column in enumerate(table.columns):
+        has_rates.append(any(isinstance(row[place], Rate) for row in table.rows))
+        columns += _name_columns(column, has_rates[-1])
+    rows = [
+        tuple(
+            number
+            for cell, has_rate in zip(row, has_rates, strict=True)
+            for number in _list_numbers(cell, has_rate)
+        )
+        for row in table.rows
+    ]
+    return make_table(name, table.title, columns, rows, " ".join(table.notes))
+
+
+def _name_columns(column: TableColumn, has_rates: bool) -> Iterator[tuple[str, str, str]]:
+    name = re.sub("[^a-z0-9]+", "_", column.title.lower()).strip("_")
+    yield (name, column.title, column.unit)
+    if has_rates:
+        yield (f"{name}_low", "from", column.unit)
+        yield (f"{name}_high", "to", column.unit)
+
+
+def _list_numbers(cell: TableCell, has_rate: bool) -> tuple[Cell, ...]:
+    if isinstance(cell, Rate):
+        return (cell.value, *list_bounds(cell))
+    plain = cell if cell is None or isinstance(cell, str | int | float) else format_line(cell)
+    return (plain, None, None) if has_rate else (plain,)
