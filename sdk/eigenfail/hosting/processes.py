@@ -288,16 +288,9 @@ REMOVE = "--remove"
 
 
 @contextmanager
-def guard_owner(owner: str) -> Iterator[None]:
-    """Have the owner's processes ended if this process dies within the block."""
-    with _run_guard([owner]):
-        yield
-
-
-@contextmanager
 def remove_afterwards(folder: Path) -> Iterator[None]:
     """Have a folder of ours, and the processes that run on it, gone after the block in any case."""
-    with _run_guard([str(folder), REMOVE]):
+    with guard_owner(str(folder), REMOVE):
         try:
             yield
         finally:
@@ -305,12 +298,12 @@ def remove_afterwards(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _run_guard(words: list[str]) -> Iterator[None]:
-    """Run a guard process for the block, which cleans up if this process dies within it."""
+def guard_owner(owner: str, *options: str) -> Iterator[None]:
+    """Have the owner's processes ended, by a guard, if this process dies within the block."""
     # With the mark, the guard would be among the processes that it kills.
     unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
     process = subprocess.Popen(
-        [sys.executable, "-m", __name__, *words],
+        [sys.executable, "-m", __name__, owner, *options],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

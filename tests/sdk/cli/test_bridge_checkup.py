@@ -216,7 +216,7 @@ def test_the_messages_of_the_protocol_are_written_without_a_bridge(eigenfail, tm
     told = eigenfail("doctor", "--golden", str(folder), "--json")
     assert told.exit_code == 0, told.output
     names = json.loads(told.stdout)
-    assert {"hello", "welcome", "step_2", "observations_2_after_step"} <= set(names)
+    assert {"hello", "welcome", "step", "observations_after_step"} <= set(names)
     assert {file.name for file in folder.iterdir()} == {
         f"{name}.{kind}" for name in names for kind in ("msgpack", "json")
     }

@@ -111,7 +111,7 @@ class Connection:
         try:
             self.welcome = self._open_session(self.timeouts.episode_s if left_s is None else left_s)
         except EpisodeError:
-            self._disconnect()
+            self.drop()
             raise
 
     def _open_session(self, left_s: float) -> messages.BridgeWelcome:
@@ -235,17 +235,14 @@ class Connection:
             try:
                 self.send(messages.CloseRequest(self.session, self.next_id()))
             finally:
-                self._disconnect()
+                self.drop()
 
     def drop(self) -> None:
-        """Disconnect without ending the session, which has failed."""
+        """Disconnect without ending the session; later calls have no effect."""
         if not self._socket.closed:
-            self._disconnect()
-
-    def _disconnect(self) -> None:
-        self._socket.disable_monitor()
-        self._monitor.close(linger=0)
-        self._socket.close()
+            self._socket.disable_monitor()
+            self._monitor.close(linger=0)
+            self._socket.close()
 
 
 class SharedConnection:

@@ -168,24 +168,20 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     @property
     def offer(self) -> bridges.BridgeOffer:
         """What the bridge offers to campaigns: names, without the defaults."""
+        scenarios = [
+            bridges.OfferedScenario(each.name, each.dt_s, each.steps, tuple(each.parameters or ()))
+            for each in self.scenarios
+        ]
+        planners = [
+            bridges.OfferedPlanner(each.name, tuple(each.settings or ())) for each in self.planners
+        ]
+        channels = AXES if self.channels is None else self.channels
         return bridges.BridgeOffer(
             self.name,
             self.version,
-            tuple(
-                [
-                    bridges.OfferedScenario(
-                        each.name, each.dt_s, each.steps, tuple(each.parameters or ())
-                    )
-                    for each in self.scenarios
-                ]
-            ),
-            tuple(
-                [
-                    bridges.OfferedPlanner(each.name, tuple(each.settings or ()))
-                    for each in self.planners
-                ]
-            ),
-            tuple(sorted(set(AXES if self.channels is None else self.channels))),
+            tuple(scenarios),
+            tuple(planners),
+            tuple(sorted(set(channels))),
             tuple(sorted({signal.name for signal in self.signals})),
         )
 
@@ -260,7 +256,6 @@ class BridgeError(BridgeMessage, frozen=True, tag="error"):
     lost: bool | None = None
 
 
-Request = BridgeHello | ResetRequest | StepRequest | CloseRequest
 Answer = BridgeWelcome | BridgeRefusal | Observations | Closed | BridgeError
 
 

@@ -119,10 +119,6 @@ class CampaignSetups:
         has_policy = not isinstance(source, PolicySource) or source.version in policies
         return held.wanted and held.campaign in self.setups and has_policy
 
-    def find_group(self, campaign: int) -> int:
-        """Return the group of a campaign; see `find_group`."""
-        return find_group(campaign, self.setups[campaign])
-
     def run_in(self, child: ChildProcess, held: HeldEpisode) -> None:
         """Send an episode to a child, after the setup and the policy that it needs."""
         child.set_up(held.campaign, self.setups[held.campaign])

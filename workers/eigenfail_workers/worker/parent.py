@@ -356,8 +356,9 @@ class Parent:
                 self._heartbeat_s = 0.0
                 self._waiting.popleft()
                 continue
-            selected = self._processes.select(self._setups.find_group(held.campaign))
-            if not (selected and self._child.has_room):
+            setup = self._setups.setups[held.campaign]
+            group = inner_processes.find_group(held.campaign, setup)
+            if not (self._processes.select(group) and self._child.has_room):
                 return
             self._waiting.popleft()
             self._setups.run_in(self._child, held)
