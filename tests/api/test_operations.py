@@ -102,7 +102,7 @@ def test_requests_are_counted_by_route_not_by_address(http, fields, store, monke
 
 
 def test_metrics_see_campaigns_beyond_the_first_page(http, fields, monkeypatch):
-    monkeypatch.setattr("eigenfail_api.routes.operations.PAGE", 2)
+    monkeypatch.setattr("eigenfail_services.store.campaigns.PORTION", 2)
     for _ in range(5):
         http.post("/api/v1/campaigns", json=fields)
     assert 'eigenfail_campaigns{state="queued"} 5.0' in http.get("/metrics").text.splitlines()

@@ -230,15 +230,9 @@ def make_curl(service: Service, a: str, b: str) -> str:
 
 def find_matching(store: Store, besides: Sequence[int], wanted: str) -> Iterator[Campaign]:
     """Yield the newest campaigns whose name contains the text, or whose id it is."""
-    before: int | None = None
-    for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):
-        listed = store.campaigns.page(100, before, CampaignFilter(archived=False))
-        # In Python: names are compared without regard to case in all alphabets, which SQLite
-        # cannot.
-        for each in listed.items:
-            is_named = wanted.lower() in each.spec.name.lower() or wanted == str(each.id)
-            if is_named and each.id not in besides:
-                yield each
-        before = listed.next
-        if before is None:
-            return
+    newest = store.campaigns.iterate(CampaignFilter(archived=False))
+    # In Python: names are compared without regard to case in all alphabets, which SQLite cannot.
+    for each in islice(newest, MAX_CAMPAIGNS_SEARCHED):
+        is_named = wanted.lower() in each.spec.name.lower() or wanted == str(each.id)
+        if is_named and each.id not in besides:
+            yield each

@@ -21,7 +21,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from eigenfail.errors import EigenfailError, StoreUnavailable
-from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import DAY_S, Presence, Staffing, WorkerShare
 from eigenfail.values.records import Page
 from eigenfail.wire.http import PREFIX, Health, make_problem, make_untyped_problem
@@ -236,9 +236,6 @@ def get_metrics(request: Request) -> PlainTextResponse:
 METHODS = frozenset({"GET", "POST", "HEAD", "OPTIONS", "PUT", "PATCH", "DELETE"})
 
 
-PAGE = 500
-
-
 CLIENT_CLOSED = 499
 """Counted where the client disconnected before there was an answer; nginx uses this number."""
 
@@ -254,7 +251,7 @@ class CampaignCollector(Collector):
         states, ends = Tally[str](dict.fromkeys(CampaignState, 0)), Tally[str]()
         failures = Tally[str]()
         hours, usd = defaultdict[str, float](float), defaultdict[str, float](float)
-        for campaign in _iterate_campaigns(self._store):
+        for campaign in self._store.campaigns.iterate():
             counts, method = campaign.counts, campaign.spec.method
             states[campaign.state] += 1
             ends.update(completed=counts.completed, failed=counts.errored)
@@ -280,16 +277,6 @@ def _make_family(
     for value, number in values.items():
         family.add_metric([value], number)
     return family
-
-
-def _iterate_campaigns(store: Store) -> Iterator[Campaign]:
-    before: int | None = None
-    while True:
-        page = store.campaigns.page(PAGE, before)
-        yield from page.items
-        if page.next is None:
-            return
-        before = page.next
 
 
 class RequestCounter:

@@ -26,8 +26,6 @@ from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.store import Store
 
-PAGE = 1_000
-
 COUNTING = "Monte Carlo"
 SAME_FAILURES = (
     "The modes were found in the failures that are counted: which failures belong together is not"
@@ -57,7 +55,9 @@ def add_probabilities(
     """
     (first, *others) = campaigns
     teller = ESTIMATORS.get(traits_of(first.spec.method).mode_probability)
-    if others or teller is None or not teller.can(first) or not result.distinct:
+    if others or teller is None or not result.distinct:
+        return result
+    if teller.needs_estimate and first.estimate is None:
         return result
     probabilities = _estimate_modes(teller, store, first, result)
     modes = zip(result.modes, probabilities, strict=True)
@@ -86,7 +86,7 @@ def estimate_by_levels(
     """Estimate each mode by the last level of a subset simulation."""
     settings = read_settings(subset.SubsetMethodSettings, campaign.spec.settings, "settings")
     simulation = subset.start_simulation(learner_context(campaign, store), settings)
-    robustness = [_read_robustness_m(row) for row in _list_rows(store, campaign.id)]
+    robustness = [_read_robustness_m(row) for row in store.episodes.iterate(campaign.id)]
     return subset.estimate_modes(simulation, robustness, mode_of, modes) or [None] * modes
 
 
@@ -96,14 +96,6 @@ def _read_robustness_m(row: EpisodeRow) -> float:
         return 0.0
     ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan
-
-
-def _list_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
-    page = store.episodes.page(campaign, PAGE)
-    yield from page.items
-    while page.next is not None:
-        page = store.episodes.page(campaign, PAGE, page.next)
-        yield from page.items
 
 
 def estimate_by_weights(
@@ -198,26 +190,22 @@ def estimate_share(found: Rate) -> Estimate:
     )
 
 
-def _has_probability(_campaign: Campaign) -> bool:
-    return True
-
-
-def _has_estimate(campaign: Campaign) -> bool:
-    return campaign.estimate is not None
-
-
 class ModeEstimator(NamedTuple):
-    """A way to estimate the probability of each mode, its name, and the campaigns that it suits."""
+    """A way to estimate the probability of each mode, and its name.
+
+    Attributes:
+        needs_estimate: whether the campaign itself must have an estimate.
+    """
 
     by: str
     estimate: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
-    can: Callable[[Campaign], bool] = _has_probability
+    needs_estimate: bool = False
 
 
 ESTIMATORS: Mapping[ModeProbability, ModeEstimator] = {
     ModeProbability.COUNTS: ModeEstimator(COUNTING, _estimate_by_counts),
     ModeProbability.KNOWN_PROPOSAL: ModeEstimator(
-        importance.BY, estimate_by_known_proposal, _has_estimate
+        importance.BY, estimate_by_known_proposal, needs_estimate=True
     ),
     ModeProbability.LEVELS: ModeEstimator(pooled_estimate.SUBSET_SIMULATION, estimate_by_levels),
     ModeProbability.WEIGHTS: ModeEstimator(importance.BY, estimate_by_weights),

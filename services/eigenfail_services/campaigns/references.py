@@ -5,6 +5,7 @@ noise can still be lost. So the claim of a campaign reads it, as the context of 
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -41,8 +42,6 @@ MOST_EPISODES = 10_000
 MOST_NUMBERS = 25_000_000
 """Most numbers of noise, which travel in one message."""
 
-PAGE = 5_000
-
 AT_BIRTH = frozenset({Reference.OWN_LEARNER, Reference.EPISODES})
 """References that only a new learner reads: the state of a restored one has their effect."""
 
@@ -63,11 +62,9 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
     method = campaign.searching
     for name, number in method.given_references(Reference.NOISE).items():
         field = f"{method.field}.{name}"
-        try:
+        with refuse_missing(field):
             source = store.analyses.get(number).campaign if name == "analysis" else number
             before = store.campaigns.get(source)
-        except NotFound as error:
-            raise InvalidValue(field, error.problem, error.remedy) from error
         _check_channels(before, field, campaign.form.channels)
     injects = method.traits.injects
     if injects is Injection.FAILURES:
@@ -80,6 +77,15 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
         _check_predecessor(campaign, name, number, store)
     for name, numbers in method.given_references(Reference.EPISODES).items():
         _check_data(campaign, f"{method.field}.{name}", numbers, store)
+
+
+@contextmanager
+def refuse_missing(field: str) -> Iterator[None]:
+    """Raise InvalidValue, of a field, if something that the field names is not found inside."""
+    try:
+        yield
+    except NotFound as error:
+        raise InvalidValue(field, error.problem, error.remedy) from error
 
 
 def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
@@ -97,10 +103,8 @@ def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
         raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
     if settings.get("analysis") is None and not settings.get("episodes"):
         return
-    try:
+    with refuse_missing(f"{method.field}.episodes"):
         known = read_trajectories(method, store)
-    except NotFound as error:
-        raise InvalidValue(f"{method.field}.episodes", error.problem, error.remedy) from error
     if not known:
         problem = "that analysis found no failure mode to replay."
         raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
@@ -139,10 +143,8 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
 
 
 def _check_collision(campaign: int, episode: int, field: str, store: "Store") -> None:
-    try:
+    with refuse_missing(field):
         result = store.episodes.get(campaign, episode)
-    except NotFound as error:
-        raise InvalidValue(field, error.problem, error.remedy) from error
     if not result.is_failure:
         problem = f"episode {campaign}/{episode} is {result.outcome.word}, not a collision."
         remedy = f"`eigenfail episode list {campaign} --outcome collision` lists failures."
@@ -277,10 +279,8 @@ def _find_ended(campaign: int, field: str, store: "Store") -> Campaign:
         InvalidValue: it does not exist, or has not ended.
     """
     # A campaign that goes on would make a later one depend on the clock.
-    try:
+    with refuse_missing(field):
         before = store.campaigns.get(campaign)
-    except NotFound as error:
-        raise InvalidValue(field, error.problem, error.remedy) from error
     if before.state not in FINAL_STATES:
         problem = f"campaign {campaign} is {before.state} and has not ended."
         remedy = f"Wait for its end (`eigenfail campaign watch {campaign}`), or cancel it."
@@ -474,14 +474,9 @@ def read_experience(method: ResolvedMethod, form: EpisodeForm, store: "Store") -
 
 
 def _list_completed(campaign: int, store: "Store") -> Iterator[CompletedEpisode]:
-    after: int | None = None
-    while True:
-        page = store.episodes.page(campaign, PAGE, after)
-        for row in page.items:
-            if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
-                yield CompletedEpisode(row.robustness_m, campaign, row.index)
-        if (after := page.next) is None:
-            return
+    for row in store.episodes.iterate(campaign):
+        if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
+            yield CompletedEpisode(row.robustness_m, campaign, row.index)
 
 
 def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[CompletedEpisode]:

@@ -1,6 +1,5 @@
 """Suites: their campaigns, created at once, and their tables with figures over seeds."""
 
-from collections.abc import Iterator
 from math import prod
 from typing import Any
 
@@ -15,8 +14,6 @@ from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.drafts import move_errors, rename_field, validate_campaign
 from eigenfail_services.store import Store
 from eigenfail_services.store.campaign_creation import NewCampaign, request_one
-
-PAGE = 200
 
 LARGEST_SUITE = 20_000_000
 """Size of the JSON of all members of a suite that a request describes. [bytes]"""
@@ -116,7 +113,7 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     Members that build upon members which are not done are checked, and cannot be created now.
     """
     alike: dict[str, list[Campaign]] = {}
-    for campaign in list_members(store, suite.name):
+    for campaign in store.campaigns.iterate(CampaignFilter(suite=suite.name)):
         alike.setdefault(campaign.spec.name, []).append(campaign)
     found = suites.match_campaigns(suite, alike)
     ready = dict(suites.list_ready_members(suite, found))
@@ -162,12 +159,3 @@ def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) 
     # The check held no lock. If another request has created a member meanwhile, its key finds that
     # campaign.
     store.campaigns.create_all(checked.missing, made_by)
-
-
-def list_members(store: Store, suite: str) -> Iterator[Campaign]:
-    """Return the campaigns of a suite, newest first."""
-    page = store.campaigns.page(PAGE, where=CampaignFilter(suite=suite))
-    yield from page.items
-    while page.next is not None:
-        page = store.campaigns.page(PAGE, page.next, CampaignFilter(suite=suite))
-        yield from page.items

@@ -11,7 +11,7 @@ from eigenfail.errors import NotFound
 from eigenfail.intervals import ERROR, find_upper_bound
 from eigenfail.presentation.rates import explain_design, format_counted_rate
 from eigenfail.suites import KeyPath, format_value, shorten_paths
-from eigenfail.values.campaign import FINAL_STATES, Campaign
+from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import Cost, Rate
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
@@ -20,7 +20,6 @@ from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.suites import list_members
 from eigenfail_services.campaigns.summary import summaries_of
 from eigenfail_services.comparison.comparability import (
     Group,
@@ -275,7 +274,7 @@ def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) 
     Raises:
         NotFound: no campaign belongs to such a suite.
     """
-    campaigns = list(list_members(store, suite))
+    campaigns = list(store.campaigns.iterate(CampaignFilter(suite=suite)))
     if not campaigns:
         raise NotFound(
             f"No campaign belongs to a suite '{suite}'.",

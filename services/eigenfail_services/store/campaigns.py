@@ -3,7 +3,7 @@
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from msgspec.structs import replace
@@ -56,6 +56,9 @@ from eigenfail_services.store.listing import contains_text, filter_campaigns, so
 from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
+
+PORTION = 200
+"""Campaigns that are read at a time."""
 
 
 class CampaignStore:
@@ -199,6 +202,18 @@ class CampaignStore:
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
+
+    def iterate(self, where: CampaignFilter = ANY_CAMPAIGN) -> Iterator[Campaign]:
+        """Yield all campaigns that match a filter, newest first.
+
+        Each portion is read in a transaction of its own, so none stays open between two campaigns.
+        """
+        before: int | None = None
+        while True:
+            page = self.page(PORTION, before, where)
+            yield from page.items
+            if (before := page.next) is None:
+                return
 
     def count(self, where: CampaignFilter = ANY_CAMPAIGN) -> int:
         """Return the number of campaigns that match a filter."""

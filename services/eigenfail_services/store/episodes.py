@@ -290,6 +290,15 @@ class EpisodeStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
 
+    def iterate(self, campaign: int) -> Iterator[records.EpisodeRow]:
+        """Yield all finished episodes of a campaign by index, a transaction for each portion."""
+        after: int | None = None
+        while True:
+            page = self.page(campaign, records.PORTION, after)
+            yield from page.items
+            if (after := page.next) is None:
+                return
+
     def count(self, campaign: int, where: filters.Conditions = ()) -> int:
         """Return the number of finished episodes that fulfil all conditions."""
         with self._database.reading() as connection:

@@ -17,9 +17,6 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import find_backend
 from eigenfail_services.store.errors import make_running_error
 
-PAGE = 200
-
-
 DAY_MS = 86_400_000
 """Ages of campaigns are given in days, and their ends are stored in milliseconds."""
 
@@ -149,11 +146,6 @@ def _find_named(store: Store, wanted: tuple[int, ...]) -> Iterator[Campaign]:
 def _list_ended(store: Store) -> Iterator[Campaign]:
     """Yield all campaigns that have ended, except those that hold evidence."""
     for state in sorted(FINAL_STATES):
-        before: int | None = None
-        while True:
-            page = store.campaigns.page(PAGE, before, CampaignFilter(state=state))
-            for campaign in page.items:
-                if not traits_of(campaign.spec.method).is_evidence:
-                    yield campaign
-            if (before := page.next) is None:
-                break
+        for campaign in store.campaigns.iterate(CampaignFilter(state=state)):
+            if not traits_of(campaign.spec.method).is_evidence:
+                yield campaign

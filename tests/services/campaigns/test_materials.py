@@ -250,7 +250,7 @@ def experience_of(spec: CampaignSpec, store):
 
 
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:
-    monkeypatch.setattr(context_module, "PAGE", 7)
+    monkeypatch.setattr("eigenfail.values.records.PORTION", 7)
     first, second = house.run(episodes=20, seed=1), house.run(episodes=15, seed=2)
     found = experience_of(data([second, first, second]), house.store)
     results = [*house.results(first), *house.results(second)]

@@ -61,7 +61,7 @@ def test_a_row_sums_up_what_came_of_its_campaign(store):
 
 
 def test_long_suites_are_read_whole_and_cut_at_the_oldest(store, monkeypatch):
-    monkeypatch.setattr("eigenfail_services.campaigns.suites.PAGE", 2)
+    monkeypatch.setattr("eigenfail_services.store.campaigns.PORTION", 2)
     for name in range(5):
         store.campaigns.create(spec(name=f"s: {name}"))
     assert len(make_suite_table(store, "s").members) == 5
