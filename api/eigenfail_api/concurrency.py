@@ -1,10 +1,12 @@
 """Limits on concurrent work that takes seconds, so that other requests are answered meanwhile."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
+
+from anyio.to_thread import run_sync
 
 from eigenfail.errors import ServiceBusy
 
@@ -89,6 +91,18 @@ class ConcurrencyLimit:
                 yield
         finally:
             self._asked -= 1
+
+    async def stream(self, parts: Iterator[bytes]) -> AsyncIterator[bytes]:
+        """Yield the parts of an answer, each of which occupies a place only while it is made.
+
+        So streams of clients that read slowly keep nobody waiting.
+        """
+        while True:
+            async with self._places():
+                part = await run_sync(next, parts, None)
+            if part is None:
+                return
+            yield part
 
     def _places(self) -> asyncio.Semaphore:
         # A semaphore belongs to the event loop in which a task waited for it.

@@ -5,6 +5,7 @@ import csv
 import io
 import threading
 from contextlib import asynccontextmanager
+from time import sleep
 
 import numpy as np
 import pytest
@@ -179,6 +180,34 @@ def test_costly_answers_are_worked_out_a_few_at_a_time():
     found = asyncio.run(crowd())
     assert most == MOST_RUNNING
     assert sum(each is not None for each in found) == 1
+
+
+def test_parts_of_streams_are_made_a_few_at_a_time_and_sent_without_a_place():
+    limit, running, most, lock = ConcurrencyLimit("exports"), 0, 0, threading.Lock()
+
+    def make_parts():
+        nonlocal running, most
+        for part in (b"a", b"b"):
+            with lock:
+                running += 1
+                most = max(most, running)
+            sleep(0.01)
+            with lock:
+                running -= 1
+            yield part
+
+    async def read():
+        return [part async for part in limit.stream(make_parts())]
+
+    async def crowd():
+        # Clients that have read one part, and read no further, keep nobody waiting.
+        slow = [limit.stream(make_parts()) for _ in range(MOST_RUNNING)]
+        for each in slow:
+            assert await anext(each) == b"a"
+        return await asyncio.gather(*(read() for _ in range(6)))
+
+    assert asyncio.run(crowd()) == [[b"a", b"b"]] * 6
+    assert most == MOST_RUNNING
 
 
 @pytest.mark.parametrize(

@@ -169,6 +169,15 @@ def test_tables_that_cannot_be_used_are_logged_and_left_out(bring, caplog, url, 
     assert said in caplog.text
 
 
+def test_table_of_the_longer_name_belongs_to_that_plugin(bring, caplog, url):
+    queue = FIRST.replace("plugin_sheep", "plugin_web_hooks_queue")
+    bring(plugins.TABLES, web=queue, web_hooks=FIRST.replace("plugin_sheep", "plugin_web_hooks"))
+    open_store(url).close()
+    assert ask(url, lambda c: inspect(c).has_table("plugin_web_hooks"))
+    assert not ask(url, lambda c: inspect(c).has_table("plugin_web_hooks_queue"))
+    assert "The tables of the plug-in 'web' are left out." in caplog.text
+
+
 def test_backups_have_the_tables_of_plugins_and_restoring_keeps_what_is_there(bring, tmp_path):
     bring(plugins.TABLES, sheep=FIRST)
     url, other = f"sqlite:///{tmp_path / 'a.db'}", f"sqlite:///{tmp_path / 'b.db'}"

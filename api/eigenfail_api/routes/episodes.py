@@ -16,7 +16,7 @@ from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page, make_episo
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
 from eigenfail_api import parameters
-from eigenfail_api.concurrency import SerialExecutor
+from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import document_file, document_route, problem_response
 from eigenfail_services import export_formats
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
@@ -230,8 +230,12 @@ def stream_parquet(source: Source, with_noise: WithNoise = False) -> StreamingRe
     return _stream(source, content, PARQUET, "parquet")
 
 
+# A portion of episodes with their noise takes a second and much memory to encode.
+EXPORTS = ConcurrencyLimit("exports")
+
+
 def _stream(
     source: export_formats.ExportSource, content: Iterator[bytes], kind: str, suffix: str
 ) -> StreamingResponse:
-    name = f'attachment; filename="campaign-{source.campaign}.{suffix}"'
-    return StreamingResponse(content, media_type=kind, headers={"Content-Disposition": name})
+    headers = {"Content-Disposition": f'attachment; filename="campaign-{source.campaign}.{suffix}"'}
+    return StreamingResponse(EXPORTS.stream(content), media_type=kind, headers=headers)

@@ -65,11 +65,13 @@ class SamplingDesign(NamedTuple):
             k: number of events.
             n: number of completed episodes.
             errored: number of episodes besides the n that errored, and may hide an event.
-            unresolved: number of the n that ended before what may have become an event.
+            unresolved: number of the n that ended before what may have become an event; of more
+                than n - k, which may have been read later than k and n, n - k count.
 
         Raises:
             InvalidValue: no episode, or not 0 <= k <= n.
         """
+        unresolved = min(unresolved, n - k)
         fixed = rate(k, n, errored, unresolved)
         if not self.is_sampled:
             return replace(fixed, interval=None, sampled=False)

@@ -14,7 +14,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.contracts import ModeProbability
-from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error, read_text
+from eigenfail.errors import InputError, InvalidValue, describe_error, read_text
 from eigenfail.methods import traits_of
 from eigenfail.processes import NUMERIC_ENVIRONMENT, as_parent, exit_status, kill_group
 from eigenfail.values.analysis import AnalysedCampaign, Analysis, AnalysisResult, AnalysisSettings
@@ -26,6 +26,7 @@ from eigenfail_services.analysis.alignment import check_clusterer, choose_column
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
 from eigenfail_services.campaigns.mode_probability import add_probabilities
+from eigenfail_services.campaigns.references import refuse_missing
 from eigenfail_services.campaigns.validation import resolve_method
 from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.methods import find_first_sample
@@ -98,7 +99,8 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
     """
     check_clusterer(settings)
     first = store.campaigns.get(campaign)
-    others = [_find_further(store, each) for each in dict.fromkeys(settings.campaigns)]
+    with refuse_missing("campaigns"):
+        others = [store.campaigns.get(each) for each in dict.fromkeys(settings.campaigns)]
     campaigns = (first, *(other for other in others if other.id != campaign))
     world = world_of(first.spec.simulator)
     if settings.align == "collision" and not world.has_road:
@@ -113,18 +115,6 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
         _refuse_unlike(first, other)
     step_s = None if may_violate else first.form.step_s
     return AnalysisBasis(campaigns, first.form, step_s, world.has_road)
-
-
-def _find_further(store: Store, campaign: int) -> Campaign:
-    """Return a campaign that the settings of an analysis name.
-
-    Raises:
-        InvalidValue: there is none.
-    """
-    try:
-        return store.campaigns.get(campaign)
-    except NotFound as error:
-        raise InvalidValue("campaigns", error.problem, error.remedy) from error
 
 
 def _refuse_unlike(first: Campaign, other: Campaign) -> None:

@@ -55,7 +55,9 @@ def add_probabilities(
     """
     (first, *others) = campaigns
     teller = ESTIMATORS.get(traits_of(first.spec.method).mode_probability)
-    if others or teller is None or not teller.can(first) or not result.distinct:
+    if others or teller is None or not result.distinct:
+        return result
+    if teller.needs_estimate and first.estimate is None:
         return result
     probabilities = _estimate_modes(teller, store, first, result)
     modes = zip(result.modes, probabilities, strict=True)
@@ -188,26 +190,22 @@ def estimate_share(found: Rate) -> Estimate:
     )
 
 
-def _has_probability(_campaign: Campaign) -> bool:
-    return True
-
-
-def _has_estimate(campaign: Campaign) -> bool:
-    return campaign.estimate is not None
-
-
 class ModeEstimator(NamedTuple):
-    """A way to estimate the probability of each mode, its name, and the campaigns that it suits."""
+    """A way to estimate the probability of each mode, and its name.
+
+    Attributes:
+        needs_estimate: whether the campaign itself must have an estimate.
+    """
 
     by: str
     estimate: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
-    can: Callable[[Campaign], bool] = _has_probability
+    needs_estimate: bool = False
 
 
 ESTIMATORS: Mapping[ModeProbability, ModeEstimator] = {
     ModeProbability.COUNTS: ModeEstimator(COUNTING, _estimate_by_counts),
     ModeProbability.KNOWN_PROPOSAL: ModeEstimator(
-        importance.BY, estimate_by_known_proposal, _has_estimate
+        importance.BY, estimate_by_known_proposal, needs_estimate=True
     ),
     ModeProbability.LEVELS: ModeEstimator(pooled_estimate.SUBSET_SIMULATION, estimate_by_levels),
     ModeProbability.WEIGHTS: ModeEstimator(importance.BY, estimate_by_weights),

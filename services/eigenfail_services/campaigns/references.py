@@ -5,6 +5,7 @@ noise can still be lost. So the claim of a campaign reads it, as the context of 
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -62,11 +63,9 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
     method = campaign.searching
     for name, number in method.given_references(Reference.NOISE).items():
         field = f"{method.field}.{name}"
-        try:
+        with refuse_missing(field):
             source = store.analyses.get(number).campaign if name == "analysis" else number
             before = store.campaigns.get(source)
-        except NotFound as error:
-            raise InvalidValue(field, error.problem, error.remedy) from error
         _check_channels(before, field, campaign.form.channels)
     injects = method.traits.injects
     if injects is Injection.FAILURES:
@@ -79,6 +78,15 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
         _check_predecessor(campaign, name, number, store)
     for name, numbers in method.given_references(Reference.EPISODES).items():
         _check_data(campaign, f"{method.field}.{name}", numbers, store)
+
+
+@contextmanager
+def refuse_missing(field: str) -> Iterator[None]:
+    """Raise InvalidValue, of a field, if something that the field names is not found inside."""
+    try:
+        yield
+    except NotFound as error:
+        raise InvalidValue(field, error.problem, error.remedy) from error
 
 
 def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
@@ -96,10 +104,8 @@ def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
         raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
     if settings.get("analysis") is None and not settings.get("episodes"):
         return
-    try:
+    with refuse_missing(f"{method.field}.episodes"):
         known = read_trajectories(method, store)
-    except NotFound as error:
-        raise InvalidValue(f"{method.field}.episodes", error.problem, error.remedy) from error
     if not known:
         problem = "that analysis found no failure mode to replay."
         raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
@@ -138,10 +144,8 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
 
 
 def _check_collision(campaign: int, episode: int, field: str, store: "Store") -> None:
-    try:
+    with refuse_missing(field):
         result = store.episodes.get(campaign, episode)
-    except NotFound as error:
-        raise InvalidValue(field, error.problem, error.remedy) from error
     if not result.is_failure:
         problem = f"episode {campaign}/{episode} is {result.outcome.word}, not a collision."
         remedy = f"`eigenfail episode list {campaign} --outcome collision` lists failures."
@@ -276,10 +280,8 @@ def _find_ended(campaign: int, field: str, store: "Store") -> Campaign:
         InvalidValue: it does not exist, or has not ended.
     """
     # A campaign that goes on would make a later one depend on the clock.
-    try:
+    with refuse_missing(field):
         before = store.campaigns.get(campaign)
-    except NotFound as error:
-        raise InvalidValue(field, error.problem, error.remedy) from error
     if before.state not in FINAL_STATES:
         problem = f"campaign {campaign} is {before.state} and has not ended."
         remedy = f"Wait for its end (`eigenfail campaign watch {campaign}`), or cancel it."

@@ -124,9 +124,7 @@ def find_failure_rate(campaign: Campaign, unresolved: int) -> Rate | None:
     if not counts.completed:
         return None
     design = SamplingDesign.of_failures([campaign])
-    # Totals and counts may have been read a few results apart.
-    doubtful = min(unresolved, counts.completed - counts.failures)
-    return design.make_rate(counts.failures, counts.completed, counts.errored, doubtful)
+    return design.make_rate(counts.failures, counts.completed, counts.errored, unresolved)
 
 
 def find_cost(campaign: Campaign, failures: Rate | None = None) -> Cost:

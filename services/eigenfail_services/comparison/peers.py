@@ -13,7 +13,6 @@ from eigenfail.settings import defaults_of
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
-from eigenfail.values.estimates import Rate
 from eigenfail.values.requirements import COLLISION_ALONE
 from eigenfail.worlds import PluginField, world_of
 from eigenfail_services.analysis import campaign_figures
@@ -138,7 +137,9 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
     if pool.judges_failures and pool.campaigns == 1 and read is not None:
         # The same figures as on the page of that campaign.
         design = SamplingDesign.of_failures([read(pool.newest)])
-    found = _make_pooled_rate(pool, design)
+    found = None
+    if pool.completed:
+        found = design.make_rate(pool.failures, pool.completed, pool.errored, pool.unresolved)
     # Episodes that were drawn from p(x) are one sample, whatever their seeds. Episodes of a search
     # depend on each other within a seed.
     seeds = pool.seeds if pool.seeds > 1 and not design.is_sampled else 0
@@ -154,13 +155,6 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
         else campaign_figures.price_failures(pool.total_usd, pool.instance_hours, found),
         seeds=seeds,
     )
-
-
-def _make_pooled_rate(pool: Pool, design: SamplingDesign) -> Rate | None:
-    if not pool.completed:
-        return None
-    doubtful = min(pool.unresolved, pool.completed - pool.failures)
-    return design.make_rate(pool.failures, pool.completed, pool.errored, doubtful)
 
 
 def _sum_pairs(pool: Pool) -> PairSums:

@@ -89,9 +89,8 @@ class ReadRelease(NamedTuple):
 
     def make_rate(self, failures: int) -> Rate:
         """Return the rate of some of its failures; an episode in doubt may be one of these."""
-        episodes = self.release.episodes
-        doubtful = min(self.unresolved, episodes - failures)
-        return self.design.make_rate(failures, episodes, self.errored, doubtful)
+        counts = self.release.episodes, self.errored, self.unresolved
+        return self.design.make_rate(failures, *counts)
 
     @property
     def identity(self) -> tuple[Hashable, ...]:

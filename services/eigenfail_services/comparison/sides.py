@@ -16,7 +16,7 @@ from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.summary import count_unresolved, divide, find_failure_rate
+from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.comparison.comparability import (
     Group,
     PairedEpisodes,
@@ -270,12 +270,10 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     errored = sum(campaign.counts.errored for campaign in campaigns)
-    counted = [(campaign, count_unresolved(store, campaign)) for campaign in campaigns]
-    rates = [find_failure_rate(*each) for each in counted]
-    # Read after the counts: of a campaign that is running they may be of more episodes.
-    unresolved = min(sum(doubtful for _, doubtful in counted), completed - failures)
+    counted = [each.conflicts.unresolved for each in totals]
+    rates = [find_failure_rate(*each) for each in zip(campaigns, counted, strict=True)]
     design = SamplingDesign.of_failures(campaigns)
-    pooled = design.make_rate(failures, completed, errored, unresolved) if completed else None
+    pooled = design.make_rate(failures, completed, errored, sum(counted)) if completed else None
     severities = [each.severity for each in totals if each.severity is not None]
     collisions = sum(each.conflicts.collisions for each in totals)
     return Side(

@@ -77,10 +77,15 @@ def _check_tables(plugin: str, tables: object) -> None:
     if not isinstance(tables, PluginTables):
         problem = f"'{plugin}' is of the type {type(tables).__name__}, and must be PluginTables."
         raise InvalidValue("table", problem, "Fix its package.")
-    own = f"{PLUGIN_PREFIX}{plugin}"
-    if strange := [name for name in tables.metadata.tables if not f"{name}_".startswith(f"{own}_")]:
-        problem = f"'{plugin}' has a table '{strange[0]}', whose name must begin with '{own}'."
-        raise InvalidValue("table", problem, "Fix its package.")
+    # The longest name owns a table: with plug-ins `web` and `web_hooks`, `plugin_web_hooks_queue`
+    # belongs to `web_hooks`.
+    others = sorted({plugin, *plugins.names(plugins.TABLES)}, key=len, reverse=True)
+    for table in tables.metadata.tables:
+        begun = (name for name in others if f"{table}_".startswith(f"{PLUGIN_PREFIX}{name}_"))
+        if next(begun, None) != plugin:
+            own = f"{PLUGIN_PREFIX}{plugin}"
+            problem = f"'{plugin}' has a table '{table}', whose name must begin with '{own}'"
+            raise InvalidValue("table", f"{problem} and not with another's.", "Fix its package.")
 
 
 def _upgrade_plugins(connection: Connection, wanted: Mapping[str, PluginTables]) -> None:

@@ -131,7 +131,8 @@ def backup(address: str, file: Path, *, force: bool = False) -> Backup:
         ServiceError: the database cannot be read, or the file not written.
     """
     backend = find_backend(address)
-    path = _find_path(address, "pg_dump --format=custom --no-owner --file=FILE --dbname=DATABASE")
+    instead = "pg_dump --format=custom --no-owner --file=FILE --dbname=DATABASE"
+    path = _find_path(address, instead, "docs/deployment.md, Backups")
     backend.require()
     _refuse_existing(file, path, force)
     # A power cut leaves the earlier backup or the whole new one: the content is on the disk before
@@ -162,9 +163,8 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
         SchemaMismatch: the backup is of a newer program.
         ServiceError: the database is in use, or cannot be written.
     """
-    path = _find_path(
-        address, "pg_restore --clean --if-exists --single-transaction --dbname=DATABASE FILE"
-    )
+    instead = "pg_restore --clean --if-exists --single-transaction --dbname=DATABASE FILE"
+    path = _find_path(address, instead, "docs/deployment.md, Backups")
     if file.exists() and not file.is_file():
         # A pipe or a device would be waited for.
         raise _explain_no_backup(file, "it is not a regular file.")
@@ -190,7 +190,8 @@ def vacuum(address: str) -> Vacuumed:
         SchemaMismatch: its schema is not this program's.
         ServiceError: the database is in use, or there is no room to work in.
     """
-    path = _find_path(address, 'psql --command="VACUUM (ANALYZE)" DATABASE')
+    instead = 'psql --command="VACUUM (ANALYZE)" DATABASE'
+    path = _find_path(address, instead, "docs/scale.md")
     # Opening it refuses a database that is not this program's, before its file is rewritten.
     open_store(address, migrate=False).close()
     before = _measure(path)
@@ -212,7 +213,7 @@ def _measure(path: Path) -> int:
     return sum(file.stat().st_size for file in files if file.exists())
 
 
-def _find_path(address: str, instead: str) -> Path:
+def _find_path(address: str, instead: str, document: str) -> Path:
     """Return the path of a SQLite database.
 
     Raises:
@@ -221,8 +222,7 @@ def _find_path(address: str, instead: str) -> Path:
     if read_kind(address) == "sqlite":
         return sqlite_path(address)
     raise Conflict(
-        "PostgreSQL has programs of its own for this.",
-        f"Run: {instead} (see docs/deployment.md, Backups).",
+        "PostgreSQL has programs of its own for this.", f"Run: {instead} (see {document})."
     )
 
 
