@@ -1,4 +1,4 @@
-"""The example simulator. Its page holds it against its contract, as tests/docs/test_pages.py does."""
+"""The example simulator. tests/docs/test_pages.py holds it against its contract, with its page."""
 
 import sys
 from importlib import import_module
