@@ -340,29 +340,45 @@ REPORT_VIOLATIONS = (
 ANSWERS_WITH_A_PROBLEM = "Failed to load resource"
 
 
+@pytest.fixture(scope="module")
+def watch():
+    """Notes what a page should not do, in a list, other than what its console may say."""
+
+    def note(page, troubles, tolerated=(ANSWERS_WITH_A_PROBLEM,)):
+        def note_console(message):
+            expected = any(words in message.text for words in tolerated)
+            if message.type in {"error", "warning"} and not expected:
+                troubles.append(f"console: {message.text}")
+
+        def note_request(request):
+            if not request.url.startswith(("http://127.0.0.1:", "data:", "blob:", "file:")):
+                troubles.append(f"off-host: {request.url}")
+
+        page.add_init_script(REPORT_VIOLATIONS)
+        page.on("console", note_console)
+        page.on("pageerror", lambda error: troubles.append(f"error: {error}"))
+        page.on("request", note_request)
+
+    return note
+
+
+@pytest.fixture(scope="module")
+def troubles():
+    """What the one tab of a module did that it should not do."""
+    return []
+
+
 @pytest.fixture
-def visit(browser, address):
+def visit(browser, address, watch):
     """Opens pages; what they should not do fails the test when it ends."""
     contexts, troubles, tolerated = [], [], [ANSWERS_WITH_A_PROBLEM]
-
-    def note_console(message):
-        expected = any(words in message.text for words in tolerated)
-        if message.type in {"error", "warning"} and not expected:
-            troubles.append(f"console: {message.text}")
-
-    def note_request(request):
-        if not request.url.startswith(("http://127.0.0.1:", "data:", "blob:")):
-            troubles.append(f"off-host: {request.url}")
 
     def go(path, server=address, status=200, **options):
         context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
         contexts.append(context)
         context.set_default_timeout(PATIENCE_MS)
         page = context.new_page()
-        page.add_init_script(REPORT_VIOLATIONS)
-        page.on("console", note_console)
-        page.on("pageerror", lambda error: troubles.append(f"error: {error}"))
-        page.on("request", note_request)
+        watch(page, troubles, tolerated)
         response = page.goto(server + path)
         assert response.status == status
         return page

@@ -72,13 +72,12 @@ def test_each_mode_has_a_panel_of_what_the_ego_did(analysis):
 Y_NAMES = "element => echarts.getInstanceByDom(element).getOption().yAxis.map(one => one.name)"
 
 
-@pytest.mark.parametrize(("chart", "scale"), [("mean", r"[\d.]+ sigma"), ("components", r"[\d.]+")])
-def test_a_panel_of_the_training_says_which_way_and_how_much(analysis, chart, scale):
-    plot = analysis().locator(f"#training-{chart}-chart .plot")
-    plot.scroll_into_view_if_needed()
-    expect(plot.locator("canvas").first).to_be_visible()
-    for name, way in zip(plot.evaluate(Y_NAMES), ("Longitudinal", "Lateral"), strict=True):
-        assert re.fullmatch(f"{way}: a row is {scale} high", name)
+def test_a_panel_of_the_training_says_which_way_and_how_much(analysis):
+    page = analysis()
+    for chart, scale in (("mean", r"[\d.]+ sigma"), ("components", r"[\d.]+")):
+        names = draw(page, f"training-{chart}").evaluate(Y_NAMES)
+        for name, way in zip(names, ("Longitudinal", "Lateral"), strict=True):
+            assert re.fullmatch(f"{way}: a row is {scale} high", name)
 
 
 def test_the_medoid_plays_in_its_card_once_it_is_opened(analysis):
@@ -109,9 +108,8 @@ def test_what_plays_outlives_a_refresh(analysis):
     expect(card.locator("[data-readout]")).to_contain_text("t = 0.2 s")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_telephone_scrolls_down_only_with_a_medoid_open(analysis, scheme):
-    page = analysis(viewport={"width": 375, "height": 700}, color_scheme=scheme)
+def test_a_telephone_scrolls_down_only_with_a_medoid_open(analysis):
+    page = analysis(viewport={"width": 375, "height": 700})
     card = page.locator(".modes article").first
     card.get_by_text("Watch the medoid").click()
     expect(card.locator("[data-readout]")).to_contain_text("t = 0.0 s")

@@ -5,7 +5,6 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 OPTION = "element => echarts.getInstanceByDom(element).getOption().series.map(%s)"
 
 
@@ -43,18 +42,6 @@ def test_each_has_a_colour_a_shape_and_a_dash_of_its_own(visit, several):
     ):
         found = plot.evaluate(OPTION % look)
         assert len(found) == len(set(found)) == 4
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [375, 1280])
-def test_the_page_scrolls_down_only(visit, several, scheme, width):
-    page = visit(several, viewport={"width": width, "height": 800}, color_scheme=scheme)
-    for plot in page.locator(".plot").all():
-        plot.scroll_into_view_if_needed()
-        expect(plot.locator("canvas").first).to_be_visible()
-    for table in page.locator("details summary").all():
-        table.click()
-    assert page.evaluate(OVERFLOW) <= 0
 
 
 def test_the_switch_works_before_any_script_runs(visit, several):

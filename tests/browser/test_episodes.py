@@ -7,7 +7,6 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 MARGIN, AXES, MIN_TTC = 56, 6, 3
 """Pixels beside the first and the last axis, how many there are, and which one is drawn along."""
 
@@ -60,10 +59,3 @@ def test_it_works_without_scripts_and_on_a_telephone(visit, made):
     expect(page.locator("#found-title")).to_contain_text("further")
     page.locator("#found tbody a").first.click()
     expect(page.locator("h1")).to_contain_text("Episode")
-
-
-def test_nothing_sticks_out_on_a_telephone(visit, made):
-    page = visit(f"/campaigns/{made.ast}/episodes", viewport={"width": 375, "height": 800})
-    expect(page.locator("#parallel-chart-plot canvas").first).to_be_visible()
-    page.locator("#filter-help summary").click()
-    assert page.evaluate(OVERFLOW) == 0

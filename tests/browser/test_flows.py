@@ -16,8 +16,6 @@ HIDE = (
     " document.dispatchEvent(new Event('visibilitychange')); }"
 )
 
-EVENTS = "**/api/v1/events?*"
-
 
 @pytest.fixture
 def live(visit):
@@ -194,14 +192,3 @@ def test_an_account_that_others_hold_up_is_asked_for_again(live, made):
     expect(page.locator("#account .account")).to_be_visible()
     expect(page.get_by_role("alert")).to_be_hidden()
     assert next(answers, None) is None
-
-
-def test_a_server_that_comes_back_is_found_again(live, visit):
-    visit.tolerate("net::ERR_CONNECTION_REFUSED")
-    page = live("/")
-    page.route(EVENTS, lambda route: route.abort("connectionrefused"))
-    page.evaluate(HIDE % "true")
-    page.evaluate(HIDE % "false")
-    expect(page.locator("#feed")).to_contain_text("connection lost")
-    page.unroute(EVENTS)
-    expect(page.locator("#feed")).to_have_text("live")

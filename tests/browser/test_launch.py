@@ -11,9 +11,6 @@ from eigenfail.values.campaign import CampaignState
 
 pytestmark = pytest.mark.browser
 
-OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-
-
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ast.toml"
 
 
@@ -212,19 +209,6 @@ def test_the_form_can_be_checked_before_any_script_runs(visit):
     page.locator("#field-settings-batch").fill("8")
     page.get_by_role("button", name="Check").click()
     expect(page.get_by_text("curl http://").first).to_be_attached()
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_telephone_scrolls_the_form_down_only(visit, made, scheme):
-    page = visit(
-        f"/launch?from={made.ast}&wish=check&settings.alpha=-1&seed=4",
-        viewport={"width": 375, "height": 700},
-        color_scheme=scheme,
-    )
-    page.evaluate(
-        "() => { for (const one of document.querySelectorAll('details')) one.open = true; }"
-    )
-    assert page.evaluate(OVERFLOW) <= 0
 
 
 def test_what_is_too_large_is_told_in_words(visit):

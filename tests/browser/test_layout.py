@@ -1,5 +1,7 @@
 """Every page at four widths, in both colour schemes: nothing overflows, and axe-core finds nothing.
 
+Each is drawn, with all of its charts, and quiet: it asks no other host, and its console is empty.
+
 The pages come from the routes of the application, so that a new page cannot be left out.
 """
 
@@ -60,6 +62,7 @@ PAGES = {
     "/replays/{campaign}": ["/replays/{queued}"],
     "/analyses/{analysis}": [
         *("/analyses/{analysis}", "/analyses/{failed_analysis}", "/analyses/{waiting_analysis}"),
+        "/analyses/{snapshot}",
     ],
     "/analyses/{analysis}/modes/{mode}": ["/analyses/{snapshot}/modes/1"],
     "/analyses/{analysis}/modes/{mode}/history": ["/analyses/{snapshot}/modes/1/history"],
@@ -79,7 +82,7 @@ PAGES = {
     "/suites": ["/suites"],
     "/suites/{suite:path}": ["/suites/{suite}"],
     "/glossary": ["/glossary"],
-    "/launch": ["/launch", "/launch?from={long}"],
+    "/launch": ["/launch", "/launch?from={long}&wish=check&settings.alpha=-1&seed=4"],
     "/launch/suite": ["/launch/suite"],
 }
 """Addresses of the pages of each route."""
@@ -88,6 +91,21 @@ PIECES = {"/campaigns/{campaign}/failures"}
 """Routes whose answer is a piece of another page, and no document."""
 
 NOT_FOUND = "/campaigns/999999"
+
+CHARTS = {
+    "/": 4,
+    "/campaigns/{ast}": 4,
+    "/campaigns/{difs}": 4,
+    "/campaigns/{queued}": 0,
+    "/campaigns/{long}/measures": 2,
+    "/campaigns/{real}/episodes/0": 5,
+    "/campaigns/{baseline}/episodes/1": 1,
+    "/analyses/{analysis}": 7,
+    "/analyses/{snapshot}": 7,
+    "/analyses/{failed_analysis}": 0,
+    "/comparison?a={ast}&b={long}": 2,
+}
+"""How many charts some of the pages have."""
 
 READY = """() => document.readyState === "complete"
   && (document.documentElement.classList.contains("js") || !document.querySelector("script"))
@@ -102,6 +120,8 @@ TITLE = re.compile("<title>(.*?)</title>", re.DOTALL)
 SETTLE = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 OVERFLOWING = """() => {
   const scrolls = (one) => getComputedStyle(one).overflowX !== "visible";
+  const folded = [...document.querySelectorAll("details.data:not([open])")];
+  for (const one of folded) one.open = true;
   const excess = document.documentElement.scrollWidth - window.innerWidth;
   const found = excess > 0 ? [`the page, by ${excess} px`] : [];
   for (const table of document.querySelectorAll("table")) {
@@ -116,6 +136,7 @@ OVERFLOWING = """() => {
   for (const name of document.querySelectorAll("tbody th[scope=row] > a")) {
     if (name.offsetWidth && name.closest("th").offsetWidth < 40) found.push(`${name.textContent}`);
   }
+  for (const one of folded) one.open = false;
   return found;
 }"""
 RUN_AXE = """async (only) => {
@@ -149,7 +170,7 @@ def test_axe_is_what_its_manifest_says():
 
 
 @pytest.fixture(scope="module")
-def tab(browser, store, filled, address):
+def tab(browser, store, address, watch, troubles):
     """One tab of an administrator who has signed in, with axe-core in each document."""
     token = make_key(store, KeyRequest("Administrator of the test bench", Scope.ADMIN)).token
     asked = {"name": "nightly regression of the planners", "scope": "runner"}
@@ -159,12 +180,14 @@ def tab(browser, store, filled, address):
     context.add_init_script((VENDOR / "axe.min.js").read_text("utf-8"))
     context.set_default_timeout(1_000 * deadlines.PROCESS_S)
     assert context.request.post(f"{address}/login", form={"key": token}).ok
-    yield context.new_page()
+    page = context.new_page()
+    watch(page, troubles)
+    yield page
     context.close()
 
 
 @pytest.fixture
-def show(tab, address, filled):
+def show(tab, address, filled, troubles):
     """Opens a page as wide as the widest screen, with its charts drawn and its details open."""
     ids = {**vars(filled), "suite": quote(filled.suite, safe="")}
 
@@ -178,11 +201,15 @@ def show(tab, address, filled):
         for plot in tab.locator(".plot").all():
             plot.scroll_into_view_if_needed()
         expect(tab.locator(".plot:not(:has(canvas))")).to_have_count(0)
+        if path in CHARTS:
+            expect(tab.locator(".plot")).to_have_count(CHARTS[path])
+        expect(tab.locator("details.data:not(:has(tbody tr))")).to_have_count(0)
         # What was fetched later came in documents of their own.
         expect(tab).to_have_title(unescape(TITLE.search(answer.text())[1]))
         return tab
 
-    return open_page
+    yield open_page
+    assert not troubles
 
 
 ADDRESSES = [*(path for paths in PAGES.values() for path in paths), NOT_FOUND]

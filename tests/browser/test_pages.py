@@ -1,4 +1,4 @@
-"""Every page in a real browser: drawn, quiet, readable on a telephone and without a mouse."""
+"""Pages in a real browser: themes, charts, names, and their use without a mouse or a script."""
 
 import pytest
 from playwright.sync_api import expect
@@ -7,82 +7,14 @@ from eigenfail_api.dashboard import campaign_page
 
 pytestmark = pytest.mark.browser
 
-PAGES = {
-    "overview": "/",
-    "done campaign": "/campaigns/{ast}",
-    "running campaign": "/campaigns/{difs}",
-    "queued campaign": "/campaigns/{queued}",
-    "episode": "/campaigns/{ast}/episodes/{failure}",
-    "episode without scene": "/campaigns/{baseline}/episodes/1",
-    "analysis": "/analyses/{analysis}",
-    "snapshot analysis": "/analyses/{snapshot}",
-    "waiting analysis": "/analyses/{waiting_analysis}",
-    "failed analysis": "/analyses/{failed_analysis}",
-    "measures": "/campaigns/{ast}/measures",
-    "comparison": "/comparison?a={baseline}&b={ast}",
-    "keys": "/keys",
-    "audit log": "/audit",
-}
-CHARTS = {
-    "overview": 2,
-    "done campaign": 4,
-    "running campaign": 4,
-    "measures": 2,
-    "comparison": 2,
-    "episode": 5,
-    "episode without scene": 1,
-    "analysis": 7,
-    "snapshot analysis": 7,
-}
-DARK = ("overview", "done campaign", "analysis", "snapshot analysis")
 GROUND = "getComputedStyle(document.body).backgroundColor"
-OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-
-
-@pytest.fixture
-def path_of(made):
-    def path(name):
-        return PAGES[name].format(**{**vars(made), "failure": made.failures[3]})
-
-    return path
-
-
-@pytest.mark.parametrize(
-    ("name", "scheme"),
-    [*((name, "light") for name in PAGES), *((name, "dark") for name in DARK)],
-)
-def test_a_page_is_drawn_and_quiet(visit, path_of, name, scheme):
-    page = visit(path_of(name), color_scheme=scheme)
-    expect(page.locator("h1")).to_be_visible()
-    plots = page.locator(".plot")
-    expect(plots).to_have_count(CHARTS.get(name, 0))
-    for plot in plots.all():
-        plot.scroll_into_view_if_needed()
-        expect(plot.locator("canvas").first).to_be_visible()
-    for table in page.locator("details.data").all():
-        table.locator("summary").click()
-        expect(table.locator("tbody tr").first).to_be_visible()
-
-
-@pytest.mark.parametrize("name", PAGES)
-def test_a_telephone_scrolls_down_only(visit, path_of, name):
-    page = visit(path_of(name), viewport={"width": 375, "height": 700})
-    expect(page.locator(".plot")).to_have_count(CHARTS.get(name, 0))
-    for plot in page.locator(".plot").all():
-        plot.scroll_into_view_if_needed()
-        expect(plot.locator("canvas").first).to_be_visible()
-    for table in page.locator("details.data summary").all():
-        table.click()
-    assert page.evaluate(OVERFLOW) <= 0
 
 
 @pytest.mark.parametrize(("height", "drawn"), [(6_000, 4), (200, 0)])
-def test_charts_in_view_are_drawn_before_the_observer_reports(
-    visit, address, path_of, height, drawn
-):
+def test_charts_in_view_are_drawn_before_the_observer_reports(visit, address, made, height, drawn):
     page = visit("/glossary", viewport={"width": 1280, "height": height})
     page.add_init_script("window.IntersectionObserver = class { observe() {} };")
-    page.goto(address + path_of("done campaign"))
+    page.goto(f"{address}/campaigns/{made.ast}")
     expect(page.locator("html.js .plot")).to_have_count(4)
     expect(page.locator(".plot:has(canvas)")).to_have_count(drawn)
 
@@ -90,8 +22,8 @@ def test_charts_in_view_are_drawn_before_the_observer_reports(
 DRAWN = "element => echarts.getInstanceByDom(element).getOption().xAxis[0].nameTextStyle.color"
 
 
-def test_the_theme_that_is_chosen_holds_for_every_page_and_chart(visit, address, path_of):
-    page = visit(path_of("done campaign"), color_scheme="light")
+def test_the_theme_that_is_chosen_holds_for_every_page_and_chart(visit, address, made):
+    page = visit(f"/campaigns/{made.ast}", color_scheme="light")
     plot = page.locator("#curve-chart .plot")
     expect(plot.locator("canvas").first).to_be_visible()
     ground, axis = page.evaluate(GROUND), plot.evaluate(DRAWN)
@@ -108,13 +40,6 @@ def test_the_theme_that_is_chosen_holds_for_every_page_and_chart(visit, address,
 def test_the_first_page_of_an_empty_service(bare_address, visit):
     page = visit("/", bare_address)
     expect(page.get_by_text("eigenfail run examples/ast.toml")).to_be_visible()
-
-
-def test_problems_are_pages(visit):
-    page = visit("/campaigns/999", status=404)
-    expect(page.locator("h1")).to_have_text("Not found")
-    page.get_by_role("link", name="All campaigns").click()
-    expect(page.locator("h1")).to_have_text("Campaigns")
 
 
 def test_pages_can_be_read_before_any_script_runs(visit, made, monkeypatch):

@@ -38,7 +38,7 @@ def path_of(made):
 
 
 @pytest.mark.parametrize(("path", "charts"), PAGES.items())
-def test_a_pdf_has_every_chart(visit, path_of, path, charts):
+def test_paper_has_every_chart_no_navigation_and_nothing_is_cut_off(visit, path_of, path, charts):
     # Nothing is scrolled to, so that the screen needs few of them.
     page = visit(path_of(path), viewport={"width": 1280, "height": 300}, color_scheme="dark")
     expect(page.locator("html.js")).to_be_attached()
@@ -51,12 +51,6 @@ def test_a_pdf_has_every_chart(visit, path_of, path, charts):
     assert page.evaluate("window.inkOfPaper") == LIGHT_INK
     assert page.evaluate("window.inkOfScreen") != LIGHT_INK
 
-
-@pytest.mark.parametrize("path", PAGES)
-def test_on_paper_there_is_no_navigation_and_nothing_is_cut_off(visit, path_of, path):
-    page = visit(path_of(path), viewport={"width": 1280, "height": 300}, color_scheme="dark")
-    expect(page.locator("html.js")).to_be_attached()
-    expect(page.locator("[data-later=wanted]")).to_have_count(0)
     page.emulate_media(media="print", color_scheme="dark")
     page.set_viewport_size({"width": A4_PX, "height": 600})
     expect(page.locator(".plot:not(:has(canvas))")).to_have_count(0)

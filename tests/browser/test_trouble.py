@@ -119,29 +119,6 @@ def look(tab, *, away):
     )
 
 
-def test_the_main_flow_needs_no_mouse(visit, made):
-    page = visit("/")
-    expect(page.locator("html.js")).to_be_attached()
-    follow(page, "AST on cut-in")
-    expect(page.locator("h1")).to_have_text("AST on cut-in")
-    page.goto(page.url + f"/episodes/{made.failures[0]}")
-    follow(page, "AST on cut-in")
-    expect(page.locator("h1")).to_have_text("AST on cut-in")
-    follow(page, "Launch")
-    expect(page).to_have_title("Launch · eigenfail")
-
-
-def follow(page, name):
-    """Tab to the link of a name, and press Enter."""
-    link = page.get_by_role("link", name=name, exact=True).first
-    for _ in range(150):
-        page.keyboard.press("Tab")
-        if link.evaluate("element => element === document.activeElement"):
-            break
-    expect(link).to_be_focused()
-    page.keyboard.press("Enter")
-
-
 def test_an_old_address_has_a_way_back(visit):
     page = visit("/campaigns/999", status=404)
     expect(page.get_by_text("Campaign 999 does not exist.")).to_be_visible()

@@ -49,12 +49,6 @@ def test_the_doctor_finds_nothing_wrong_with_it(monkeypatch):
     assert rows[1:] == [check["check"] for check in checks]
 
 
-def test_the_doctor_finds_it_by_its_name_once_installed(installed):
-    told = CliRunner().invoke(app, ["doctor", "--planner", "my_planner"])
-    assert told.exit_code == 0, told.output
-    assert "broken" not in told.stdout
-
-
 def test_it_drives_the_campaign_of_the_page(spec):
     assert (spec.planner, spec.planner_settings) == ("my_planner", {"time_gap_s": 2.5})
     tasks = [EpisodeTask(0, 0, UNDISTURBED)]

@@ -59,11 +59,6 @@ def doctor(scenario):
     return told.exit_code, json.loads(told.stdout)
 
 
-@pytest.mark.parametrize("check", SCENARIO_CHECKS)
-def test_it_keeps_the_contract_of_scenarios(check, mine):
-    check(mine.QueueEnd())
-
-
 @pytest.mark.parametrize("check", SIMULATION_CHECKS)
 def test_it_makes_a_simulation_that_keeps_its_own(check, mine):
     scenario, parameters = mine.QueueEnd(), mine.QueueParameters()
@@ -77,12 +72,6 @@ def test_the_doctor_finds_nothing_wrong_with_it(monkeypatch):
     assert [check["verdict"] for check in checks] == ["passed"] * (len(SCENARIO_CHECKS) + 1)
     rows = re.findall(r"^\| ([\w ]+) \| ", PAGE, re.MULTILINE)
     assert rows[1:] == [check["check"] for check in checks]
-
-
-def test_the_doctor_finds_it_by_its_name_once_installed(installed):
-    code, checks = doctor("queue_end")
-    assert code == 0
-    assert {check["verdict"] for check in checks} == {"passed"}
 
 
 BROKEN = {

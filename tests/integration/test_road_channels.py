@@ -45,7 +45,6 @@ def create(client, channels, method, episodes, settings, **fields):
 
 
 def test_every_search_works_in_all_channels(client, lasting_worker) -> None:
-    """That a search takes one channel as well is shown by test_channels.py."""
     started = [create(client, SIX, name, *given) for name, given in SEARCHES.items()]
     for campaign in started:
         ended = wait_until_done(client, campaign)

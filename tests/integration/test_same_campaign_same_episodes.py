@@ -15,8 +15,12 @@ AST = {
     "episodes": 60,
     "settings": {"round_size": 6, "warm_up": 12, "gradient_steps": 1},
 }
-MONTE_CARLO = {"method": "monte_carlo", "planner": "idm", "episodes": 90}
-VARIED = {**MONTE_CARLO, "scenario_parameters": {"distance_m": {"uniform": [52, 70]}}}
+MONTE_CARLO = {
+    "method": "monte_carlo",
+    "planner": "idm",
+    "episodes": 90,
+    "scenario_parameters": {"distance_m": {"uniform": [52, 70]}},
+}
 DIFS = {
     "method": "difs",
     "planner": "idm",
@@ -45,9 +49,7 @@ def wait_for(client, campaign, completed: int) -> None:
 
 
 @pytest.mark.fault("SIGKILL of a worker")
-@pytest.mark.parametrize(
-    "fields", [MONTE_CARLO, AST, DIFS, VARIED], ids=["monte_carlo", "ast", "difs", "varied"]
-)
+@pytest.mark.parametrize("fields", [MONTE_CARLO, AST, DIFS], ids=lambda fields: fields["method"])
 def test_the_digest_depends_on_the_seed_alone(client, start_worker, fields) -> None:
     first = start_worker("one")
     alone = finish(client, create(client, **fields))
@@ -72,20 +74,4 @@ def test_pause_and_resume_change_nothing(client, start_worker) -> None:
     assert paused.state is CampaignState.PAUSED
     assert paused.counts.open > 0
     client.campaigns.resume(campaign.id)
-    assert finish(client, campaign) == undisturbed
-
-
-@pytest.mark.fault("SIGKILL of a learner")
-def test_a_killed_learner_goes_on_from_its_checkpoint(client, start_worker, service) -> None:
-    import psutil
-
-    start_worker()
-    undisturbed = finish(client, create(client, **AST))
-    campaign = create(client, **AST)
-    wait_for(client, campaign, completed=20)
-    services = next(part for part in service.parts if part.name == "services")
-    children = psutil.Process(services.process.pid).children()
-    learners = [p for p in children if "learner_process" in " ".join(p.cmdline())]
-    assert len(learners) == 1
-    learners[0].kill()
     assert finish(client, campaign) == undisturbed

@@ -1,6 +1,5 @@
 """A worker's two processes against a hub that this test plays, over a real socket."""
 
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -141,15 +140,6 @@ def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent
     assert (result.index, result.fault.kind) == (0, "infrastructure")
     hub.say(setup("idm"), lease(1))
     assert hub.hear(Results).results[0].outcome is not Outcome.ERRORED
-
-
-@pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])
-def test_a_bad_planner_fails_its_episodes_and_nothing_else(hub, parent, planner) -> None:
-    pid = os.getpid()
-    hub.say(setup(planner), lease(0, 1))
-    faults = [hub.hear(Results).results[0].fault for _ in range(2)]
-    assert {fault.kind for fault in faults} == {"planner"}
-    assert os.getpid() == pid
 
 
 def test_an_unknown_planner_fails_its_episodes_with_the_known_names(hub, parent) -> None:
