@@ -5,16 +5,8 @@ import pytest
 
 from eigenfail.contracts import LockstepEngine
 from eigenfail.errors import InvalidValue
+from eigenfail.values import episode
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail.values.episode import (
-    EpisodeSetup,
-    EpisodeTask,
-    Outcome,
-    PolicySource,
-    PriorSource,
-    TrajectorySource,
-    episode_seed,
-)
 from eigenfail_workers.bridge.messages import PROTOCOLS
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.engines import make_engine
@@ -23,14 +15,17 @@ NOISY = DisturbanceModel(scale=2.0)
 IN_BATCHES_OF = (1, 7, 64)
 
 
-def tasks(episodes: int) -> list[EpisodeTask]:
-    return [EpisodeTask(i, episode_seed(5, i), PriorSource()) for i in range(episodes)]
+def tasks(episodes: int) -> list[episode.EpisodeTask]:
+    return [
+        episode.EpisodeTask(i, episode.episode_seed(5, i), episode.PriorSource())
+        for i in range(episodes)
+    ]
 
 
 def built_in(planner: str, **changes) -> Engine:
     given = {"simulator": "highway", "scenario": "cut_in", "scenario_parameters": {}}
     rest = {"planner": planner, "planner_settings": {}, "disturbance": NOISY}
-    return Engine(EpisodeSetup(**(given | rest | changes)))
+    return Engine(episode.EpisodeSetup(**(given | rest | changes)))
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -72,7 +67,7 @@ def test_scenes_and_measures_are_those_of_the_built_in_world(serving, on_bridge)
 def test_a_stored_episode_is_the_same_when_it_is_replayed(serving, on_bridge) -> None:
     with serving() as address:
         (first,) = on_bridge(address, disturbance=NOISY).run(tasks(1))
-        again = EpisodeTask(0, first.seed, TrajectorySource(first.noise.z))
+        again = episode.EpisodeTask(0, first.seed, episode.TrajectorySource(first.noise.z))
         (replayed,) = on_bridge(address, disturbance=NOISY).run([again])
     assert replayed.digest() == first.digest()
 
@@ -106,7 +101,7 @@ def test_what_the_bridge_does_not_know_is_the_campaigns_fault(
 ) -> None:
     with serving() as address:
         (result,) = on_bridge(address, **changes).run(tasks(1))
-        assert result.outcome is Outcome.ERRORED
+        assert result.outcome is episode.Outcome.ERRORED
         assert result.fault.kind == "input"
         assert said in result.fault.message
         (usual,) = on_bridge(address).run(tasks(1))
@@ -114,8 +109,8 @@ def test_what_the_bridge_does_not_know_is_the_campaigns_fault(
 
 
 def test_a_policy_that_nobody_sent_is_the_inputs_fault_and_the_others_run(serving, on_bridge):
-    unknown = EpisodeTask(1, 7, PolicySource(3))
-    known = EpisodeTask(2, 8, PriorSource())
+    unknown = episode.EpisodeTask(1, 7, episode.PolicySource(3))
+    known = episode.EpisodeTask(2, 8, episode.PriorSource())
     with serving() as address:
         results = list(on_bridge(address).run([*tasks(1), unknown, known]))
     assert [each.fault and each.fault.kind for each in results] == [None, "input", None]
@@ -138,6 +133,6 @@ def test_it_is_an_engine_that_runs_episodes_side_by_side(serving, on_bridge) -> 
 
 def test_a_worker_without_a_bridge_says_so(monkeypatch) -> None:
     monkeypatch.delenv("EIGENFAIL_BRIDGE", raising=False)
-    setup = EpisodeSetup("bridge", "cut_in", {"steps": 9}, "idm", {}, DisturbanceModel())
+    setup = episode.EpisodeSetup("bridge", "cut_in", {"steps": 9}, "idm", {}, DisturbanceModel())
     with pytest.raises(InvalidValue, match=r"this worker has no bridge\. Start it with --bridge"):
         make_engine(setup)
