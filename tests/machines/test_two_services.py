@@ -14,6 +14,7 @@ from unittest.mock import patch
 
 import pytest
 from benchmarks.faults.fake_services import fake_hub, fake_learners
+from inprocess import NoAnalyses
 from structlog.testing import capture_logs
 
 from eigenfail.testing.examples import result
@@ -31,19 +32,6 @@ EPISODES = 20
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=EPISODES)
 ROUND = 3
 TURNS = 500
-
-
-class NoAnalyses:
-    """Nobody asks for one."""
-
-    def __len__(self) -> int:
-        return 0
-
-    def open(self, job) -> None:
-        raise AssertionError(job)
-
-    def poll(self) -> None:
-        pass
 
 
 class Service:

@@ -15,7 +15,7 @@ from eigenfail_services.campaigns import drafts
 from eigenfail_services.campaigns.validation import fill_defaults
 from eigenfail_services.comparison import sides
 from eigenfail_services.comparison.comparability import compare_settings
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store import Store
 
 FIELDS: dict[str, Any] = {
     "name": "n",
@@ -24,11 +24,6 @@ FIELDS: dict[str, Any] = {
     "planner": "idm",
     "simulator": "point_mass",
 }
-
-
-@pytest.fixture
-def store() -> Store:
-    return open_store("memory://")
 
 
 def ended(store: Store, **changes: Any) -> Campaign:
