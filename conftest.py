@@ -31,7 +31,7 @@ if "EIGENFAIL_INTERPRETED" not in os.environ:
 import deadlines
 from postgresql import start_server
 
-pytest_plugins = ["proofs", "golden", "plugin_absence", "tiny_formats"]
+pytest_plugins = ["proofs", "golden", "memory_store", "plugin_absence", "tiny_formats"]
 
 # A loaded machine fails no test: neither a deadline nor a slow draw is a fault.
 settings.register_profile("here", deadline=None, suppress_health_check=[HealthCheck.too_slow])

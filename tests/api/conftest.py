@@ -14,7 +14,6 @@ from eigenfail.values.records import Delivery
 from eigenfail.values.scene import Scene
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
 
 STEPS = 4
 
@@ -23,13 +22,6 @@ STEPS = 4
 def formats(tiny_formats):
     """Formats of recordings that do not depend on what is installed; a test may change them."""
     return tiny_formats
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from itertools import count
 from types import SimpleNamespace
 
 from benchmarks.faults.fake_services import FakeLearner, fake_hub
+from inprocess import NoAnalyses
 from service_workers import FakeWorker, Key
 
 from eigenfail.errors import StoreUnavailable
@@ -17,19 +18,6 @@ from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S
 EPISODES = 8
 TURNS_TO_THE_END = 400
 POOR_REASONS = ("failed 3 times in a row", "was lost 5 times in a row")
-
-
-class NoAnalyses:
-    """Nobody asks for one."""
-
-    def __len__(self) -> int:
-        return 0
-
-    def open(self, job) -> None:
-        raise AssertionError(job)
-
-    def poll(self) -> None:
-        pass
 
 
 class House:

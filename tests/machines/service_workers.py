@@ -1,22 +1,7 @@
 """The workers of a played service: what a true one does, when the test says so."""
 
 from eigenfail.values.episode import PolicySource
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Ack,
-    Drop,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    Holding,
-    Lease,
-    PolicyUpdate,
-    Refusal,
-    Results,
-    Setup,
-    Welcome,
-    fingerprint_task,
-)
+from eigenfail.wire import messages
 
 CREDIT = 4
 
@@ -37,14 +22,14 @@ class FakeWorker:
         self.setups: dict[int, object] = {}
         self.policies: set[Key] = set()
         self.heeding = {
-            Welcome: self.welcomed,
-            Refusal: self.refused,
-            Setup: self.set_up,
-            PolicyUpdate: lambda m: self.policies.add((m.campaign, m.policy.version)),
-            Lease: self.lease,
-            Ack: self.ack,
-            Drop: self.drop,
-            Goodbye: self.refused,
+            messages.Welcome: self.welcomed,
+            messages.Refusal: self.refused,
+            messages.Setup: self.set_up,
+            messages.PolicyUpdate: lambda m: self.policies.add((m.campaign, m.policy.version)),
+            messages.Lease: self.lease,
+            messages.Ack: self.ack,
+            messages.Drop: self.drop,
+            messages.Goodbye: self.refused,
         }
 
     def welcomed(self, _message) -> None:
@@ -57,7 +42,7 @@ class FakeWorker:
 
     def bring_again(self) -> None:
         for (campaign, _), done in self.outbox.items():
-            self.words.append(Results(campaign, (done,)))
+            self.words.append(messages.Results(campaign, (done,)))
 
     def refused(self, _message) -> None:
         self.welcome = False
@@ -89,15 +74,22 @@ class FakeWorker:
     def beat(self) -> object:
         if not self.welcome:
             return self.hello()
-        return Heartbeat(*next(iter(self.held), (None, None)), tuple(self.held))
+        return messages.Heartbeat(*next(iter(self.held), (None, None)), tuple(self.held))
 
-    def hello(self) -> Hello:
+    def hello(self) -> messages.Hello:
         """With all that it holds, finished or not."""
         held = (
-            Holding(campaign, index, fingerprint_task(self.setups[campaign], task))
+            messages.Holding(
+                campaign, index, messages.fingerprint_task(self.setups[campaign], task)
+            )
             for (campaign, index), task in self.held.items()
         )
-        holdings = (*held, *(Holding(*key) for key in self.outbox))
-        return Hello(
-            PROTOCOL, self.name, CREDIT, life=self.life, asked=self.asked, holdings=holdings
+        holdings = (*held, *(messages.Holding(*key) for key in self.outbox))
+        return messages.Hello(
+            messages.PROTOCOL,
+            self.name,
+            CREDIT,
+            life=self.life,
+            asked=self.asked,
+            holdings=holdings,
         )

@@ -14,23 +14,14 @@ from unittest.mock import patch
 
 import pytest
 from benchmarks.faults.fake_services import fake_hub, fake_learners
+from inprocess import NoAnalyses
 from structlog.testing import capture_logs
 
 from eigenfail.testing.examples import result
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import episode_seed
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Drop,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    Lease,
-    Results,
-    encode,
-    read_hub_message,
-)
+from eigenfail.wire import messages
 from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import commits, worker_sessions
@@ -43,19 +34,6 @@ ROUND = 3
 TURNS = 500
 
 
-class NoAnalyses:
-    """Nobody asks for one."""
-
-    def __len__(self) -> int:
-        return 0
-
-    def open(self, job) -> None:
-        raise AssertionError(job)
-
-    def poll(self) -> None:
-        pass
-
-
 class Service:
     """A service with a worker of its own, which takes what it is given and runs it when told to."""
 
@@ -64,14 +42,14 @@ class Service:
         self.hub, self.router = fake_hub(store)
         self.supervisor = Supervisor(store, self.hub, NoAnalyses())
         self.held: dict[tuple[int, int], object] = {}
-        self.say(Hello(PROTOCOL, "w", EPISODES))
+        self.say(messages.Hello(messages.PROTOCOL, "w", EPISODES))
 
     def say(self, message) -> None:
-        self.router.inbox.append([b"w", encode(message)])
+        self.router.inbox.append([b"w", messages.encode(message)])
 
     def turn(self, seconds: float = 0.5) -> None:
         self.now_s[0] += seconds
-        self.say(Heartbeat(held=tuple(self.held)))
+        self.say(messages.Heartbeat(held=tuple(self.held)))
         self.supervisor.turn()
         self.turn_hub()
 
@@ -79,20 +57,20 @@ class Service:
         """Its supervisor is still held up."""
         self.hub.turn()
         while self.router.outbox:
-            message = read_hub_message(self.router.outbox.popleft()[1])
-            if isinstance(message, Lease):
+            message = messages.read_hub_message(self.router.outbox.popleft()[1])
+            if isinstance(message, messages.Lease):
                 self.held |= {(message.campaign, task.index): task for task in message.tasks}
-            if isinstance(message, Drop):
+            if isinstance(message, messages.Drop):
                 self.held.clear()
-            if isinstance(message, Goodbye):
-                self.say(Hello(PROTOCOL, "w", EPISODES))
+            if isinstance(message, messages.Goodbye):
+                self.say(messages.Hello(messages.PROTOCOL, "w", EPISODES))
 
     def work(self, episodes: int = EPISODES) -> None:
         """Some of what lies here is run, and brought."""
         for campaign, index in list(self.held)[:episodes]:
             task = self.held.pop((campaign, index))
             done = result(index, seed=task.seed, source=task.source_kind)
-            self.say(Results(campaign, (done,)))
+            self.say(messages.Results(campaign, (done,)))
 
     def run_until(self, campaign: int, done: int) -> None:
         """Until the learner has seen so many episodes, and its checkpoint says so."""
@@ -260,7 +238,7 @@ def test_results_are_taken_from_whoever_brings_them(pair: Pair) -> None:
     old, new = pair.taken_over()
     last = EPISODES - 1
     assert not pair.store.episodes.finished(pair.campaign, [last])
-    old.say(Results(pair.campaign, (result(last, seed=episode_seed(SPEC.seed, last)),)))
+    old.say(messages.Results(pair.campaign, (result(last, seed=episode_seed(SPEC.seed, last)),)))
     for _ in range(2):
         old.turn()
     assert pair.store.episodes.finished(pair.campaign, [last])

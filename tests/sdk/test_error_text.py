@@ -7,15 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.errors import (
-    LONGEST_TEXT,
-    InvalidValue,
-    PlannerError,
-    SolverError,
-    clean_text,
-    describe_error,
-    read_text,
-)
+from eigenfail import errors
 from eigenfail.values.episode import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.wire.http import make_error, make_problem
 from eigenfail.wire.messages import Results, encode, read_worker_message
@@ -72,25 +64,25 @@ def recurse() -> str:
 
 @given(ANY_TEXT)
 def test_any_text_is_made_safe_and_safe_text_stays(text) -> None:
-    cleaned = clean_text(text)
+    cleaned = errors.clean_text(text)
     assert is_safe(cleaned)
-    assert clean_text(cleaned) == cleaned
+    assert errors.clean_text(cleaned) == cleaned
     if is_safe(text):
         assert cleaned == text
 
 
 @given(ANY_TEXT, st.integers(20, 60))
 def test_the_text_is_bounded(text, longest) -> None:
-    assert len(clean_text(text * 50, longest)) <= longest
+    assert len(errors.clean_text(text * 50, longest)) <= longest
 
 
 @given(ANY_TEXT)
 @pytest.mark.fault("plug-in error whose text cannot be kept")
 def test_a_fault_of_any_error_crosses_the_wire_as_it_is(text) -> None:
-    for error in (ValueError(text), PlannerError(text, text), Failing(lambda: text)):
+    for error in (ValueError(text), errors.PlannerError(text, text), Failing(lambda: text)):
         with (
-            pytest.raises((PlannerError, Exception)) as caught,
-            wrap_errors(PlannerError, "It", ""),
+            pytest.raises((errors.PlannerError, Exception)) as caught,
+            wrap_errors(errors.PlannerError, "It", ""),
         ):
             raise error
         result = unrunnable(TASK, make_fault(caught.value))
@@ -107,12 +99,12 @@ def test_what_another_peer_sends_as_a_fault_is_made_safe_where_it_is_read(text) 
     sent = msgspec.msgpack.encode({"kind": "planner", "message": text * 500})
     read = msgspec.msgpack.decode(sent, type=EpisodeFault)
     assert is_safe(read.message)
-    assert len(read.message) <= LONGEST_TEXT
+    assert len(read.message) <= errors.LONGEST_TEXT
 
 
 @given(ANY_TEXT)
 def test_an_error_of_ours_is_a_problem_that_json_takes(text) -> None:
-    problem = make_problem(InvalidValue("planner", text, text))
+    problem = make_problem(errors.InvalidValue("planner", text, text))
     assert is_safe(problem.detail)
     read = msgspec.json.decode(msgspec.json.encode(problem), type=type(problem))
     assert str(make_error(read)).split() == str(make_error(problem)).split()
@@ -122,16 +114,16 @@ def test_an_error_of_ours_is_a_problem_that_json_takes(text) -> None:
 @pytest.mark.fault("plug-in error whose text cannot be kept")
 def test_an_error_without_a_text_is_told_by_its_type(behaviour) -> None:
     told = "Failing: <the text of this Failing cannot be read>"
-    assert describe_error(Failing(behaviour)) == told
+    assert errors.describe_error(Failing(behaviour)) == told
 
 
 def test_an_error_with_an_empty_text_is_its_type_alone() -> None:
-    assert describe_error(ZeroDivisionError()) == "ZeroDivisionError"
+    assert errors.describe_error(ZeroDivisionError()) == "ZeroDivisionError"
 
 
 def test_a_text_that_is_no_plain_string_becomes_one() -> None:
-    assert clean_text(Text("half \udc80")) == "half \\udc80"
-    assert type(read_text(Failing(lambda: Text("whole")))) is str
+    assert errors.clean_text(Text("half \udc80")) == "half \\udc80"
+    assert type(errors.read_text(Failing(lambda: Text("whole")))) is str
 
 
 def test_a_type_without_a_name_is_told_all_the_same() -> None:
@@ -144,17 +136,17 @@ def test_a_type_without_a_name_is_told_all_the_same() -> None:
         def __str__(self) -> str:
             raise RuntimeError
 
-    assert "unnamed" in describe_error(Error())
+    assert "unnamed" in errors.describe_error(Error())
 
 
 def test_megabytes_are_cut_off() -> None:
-    told = describe_error(ValueError("x" * 5_000_000))
-    assert len(told) < LONGEST_TEXT + 50
+    told = errors.describe_error(ValueError("x" * 5_000_000))
+    assert len(told) < errors.LONGEST_TEXT + 50
     assert told.endswith("(cut off)")
 
 
 def test_a_plug_ins_own_error_cannot_name_a_kind_that_there_is_not() -> None:
-    class Own(SolverError):
+    class Own(errors.SolverError):
         kind = "\udc80"
 
     assert make_fault(Own("no solution")).kind == "solver"

@@ -5,17 +5,9 @@ from contextlib import contextmanager, suppress
 import pytest
 from msgspec.structs import replace
 
+from eigenfail import functions
 from eigenfail.cli import connection
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.functions import (
-    ALLOWED_VARIABLE,
-    allow,
-    allow_functions,
-    check,
-    refuse_undefined,
-    refuse_unlisted,
-    require_module,
-)
 from eigenfail.hosting.service import Plan
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import AXES, DisturbanceModel
@@ -28,8 +20,8 @@ ON = {"name": "n", "method": "monte_carlo", "episodes": 1, "scenario": "function
 @pytest.fixture(autouse=True)
 def nothing_listed(monkeypatch):
     """The variable as it was, afterwards."""
-    monkeypatch.setenv(ALLOWED_VARIABLE, "")
-    monkeypatch.delenv(ALLOWED_VARIABLE)
+    monkeypatch.setenv(functions.ALLOWED_VARIABLE, "")
+    monkeypatch.delenv(functions.ALLOWED_VARIABLE)
 
 
 def spec(place, simulator="function"):
@@ -86,7 +78,7 @@ def test_channels_without_names_of_their_own_are_refused(given):
 )
 def test_a_name_that_is_none_is_refused_with_the_rule_in_words(name):
     with pytest.raises(InvalidValue, match=f"'{name}'") as refused:
-        check(with_channels(["b", name]))
+        functions.check(with_channels(["b", name]))
     assert "regex" not in refused.value.problem
     for words in ("lower case letters", "at most 32", "'joint'", "'step'", "'_sigma'"):
         assert words in refused.value.remedy
@@ -95,23 +87,25 @@ def test_a_name_that_is_none_is_refused_with_the_rule_in_words(name):
 def test_noise_of_too_many_values_is_refused():
     many = with_channels([f"c{number}" for number in range(50)])
     longest = replace(many, scenario_parameters=many.scenario_parameters | {"steps": 2_000})
-    check(longest)
+    functions.check(longest)
     with pytest.raises(InvalidValue, match="2001 steps of 50 channels are 100,050 values"):
-        check(replace(longest, scenario_parameters=many.scenario_parameters | {"steps": 2_001}))
+        functions.check(
+            replace(longest, scenario_parameters=many.scenario_parameters | {"steps": 2_001})
+        )
 
 
 @pytest.mark.parametrize("channels", [["wind"], ["b", "a", "c"], ["lateral", "longitudinal"]])
 def test_noise_that_is_correlated_by_axis_needs_the_axes(channels):
     correlated = DisturbanceModel(shape=Correlated())
     with pytest.raises(InvalidValue, match="ar1 correlates longitudinal and lateral noise only"):
-        check(with_channels(channels, disturbance=correlated))
-    check(with_channels(None, disturbance=correlated))
-    check(with_channels(channels, disturbance=DisturbanceModel(shape=HeavyTailed())))
+        functions.check(with_channels(channels, disturbance=correlated))
+    functions.check(with_channels(None, disturbance=correlated))
+    functions.check(with_channels(channels, disturbance=DisturbanceModel(shape=HeavyTailed())))
 
 
 def is_listed(module):
     try:
-        refuse_unlisted(f"{module}:f")
+        functions.refuse_unlisted(f"{module}:f")
     except InvalidValue:
         return False
     return True
@@ -122,7 +116,7 @@ def test_without_a_list_there_is_nothing():
 
 
 def test_whoever_starts_a_service_lists():
-    allow("mine, deep.inside")
+    functions.allow("mine, deep.inside")
     assert (is_listed("mine"), is_listed("deep.inside.more"), is_listed("deep")) == (
         True,
         True,
@@ -133,11 +127,11 @@ def test_whoever_starts_a_service_lists():
 @pytest.mark.parametrize("given", ["", "a,", "a b", "a:f", "../a", "."])
 def test_what_is_no_module_is_refused(given):
     with pytest.raises(InvalidValue, match="is not a valid module name"):
-        allow(given)
+        functions.allow(given)
 
 
 def test_a_service_for_some_campaigns_alone_takes_their_modules():
-    allow_functions(
+    functions.allow_functions(
         [spec("one:f"), spec("two.deep:f"), spec("idm", "point_mass"), spec("no place")]
     )
     assert [is_listed(name) for name in ("one", "two.deep", "idm", "no place")] == [
@@ -146,8 +140,8 @@ def test_a_service_for_some_campaigns_alone_takes_their_modules():
 
 
 def test_a_list_of_its_own_holds(monkeypatch):
-    monkeypatch.setenv(ALLOWED_VARIABLE, "other")
-    allow_functions([spec("one:f")])
+    monkeypatch.setenv(functions.ALLOWED_VARIABLE, "other")
+    functions.allow_functions([spec("one:f")])
     assert not is_listed("one")
 
 
@@ -185,7 +179,7 @@ def source(tmp_path, monkeypatch):
 @pytest.mark.parametrize("text", [*BINDINGS, *UNSEEN_BINDINGS])
 def test_a_name_that_the_source_binds_or_may_bind_is_left_to_the_workers(source, text):
     source(f"{text}\nraise SystemExit(4)  # nothing is run\n")
-    refuse_undefined("sut_source:robustness")
+    functions.refuse_undefined("sut_source:robustness")
 
 
 @pytest.mark.parametrize(
@@ -202,14 +196,14 @@ def test_a_name_that_the_source_binds_or_may_bind_is_left_to_the_workers(source,
 def test_a_name_that_the_source_binds_nowhere_is_refused(source, text):
     source(f"{text}\nraise SystemExit(4)  # nothing is run\n")
     with pytest.raises(InvalidValue, match="module 'sut_source' has no 'robustness'") as refused:
-        refuse_undefined("sut_source:robustness")
+        functions.refuse_undefined("sut_source:robustness")
     assert refused.value.field == "planner"
     assert refused.value.remedy == "Correct the name behind the colon."
 
 
 def test_a_campaign_with_a_typo_is_refused_with_the_near_names(source, monkeypatch):
     source("def robustness(z): pass\n")
-    monkeypatch.setenv(ALLOWED_VARIABLE, "sut_source")
+    monkeypatch.setenv(functions.ALLOWED_VARIABLE, "sut_source")
     world, mistyped = world_of("function"), spec("sut_source:robustnes")
     for refuse in (world.check, world.require_code):
         with pytest.raises(InvalidValue, match="has no 'robustnes'") as refused:
@@ -230,16 +224,16 @@ def test_modules_of_packages_are_read_without_running_the_packages(tmp_path, mon
     inner.mkdir(parents=True)
     (tmp_path / "sut_package" / "__init__.py").write_text("raise SystemExit(4)\n")
     (inner / "deep.py").write_text("def robustness(z): pass\n")
-    require_module("sut_package.inner.deep:robustness")
+    functions.require_module("sut_package.inner.deep:robustness")
     with pytest.raises(InvalidValue, match=r"module 'sut_package\.inner\.deep' has no 'other'"):
-        require_module("sut_package.inner.deep:other")
+        functions.require_module("sut_package.inner.deep:other")
     with pytest.raises(InvalidValue, match="module 'sut_package' has no 'robustness'"):
-        require_module("sut_package:robustness")
+        functions.require_module("sut_package:robustness")
 
 
 @pytest.mark.parametrize("place", ["sut_nowhere:f", "sys:f", "__main__:f", "json.none.deep:f"])
 def test_a_module_without_a_source_here_is_left_to_the_workers(place):
-    refuse_undefined(place)
+    functions.refuse_undefined(place)
 
 
 def test_what_runs_a_file_by_itself_starts_a_service_for_the_files_module(tmp_path, monkeypatch):

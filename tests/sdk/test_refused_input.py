@@ -17,15 +17,8 @@ from eigenfail.values.access import Quotas
 from eigenfail.values.arrays import PackedArray, decode_array, encode_array, pack, unpack
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.wire import keys
 from eigenfail.wire.http import read_body, read_plain
-from eigenfail.wire.keys import (
-    WorkerKey,
-    abbreviate_key,
-    decode_key,
-    format_hub_key,
-    read_hub_key,
-    read_worker_key,
-)
 
 
 def test_durations_of_keys_have_a_number_and_a_unit():
@@ -157,17 +150,17 @@ def test_arrays_travel_as_float32_of_a_shape_that_fits():
 
 def test_keys_of_workers_and_hubs_are_told_apart():
     hub, secret = bytes(range(32)), bytes(range(32, 64))
-    key = WorkerKey(hub, secret)
-    assert read_worker_key(key.text(), "key") == key
+    key = keys.WorkerKey(hub, secret)
+    assert keys.read_worker_key(key.text(), "key") == key
     assert "secret" not in repr(key)
-    assert read_worker_key(key.following(secret).text(), "key").hub == secret
-    assert read_hub_key(format_hub_key(hub), "hub") == hub
-    assert abbreviate_key(hub) == "000102030405"
-    for text in ("", "ewk", key.text()[:-4], format_hub_key(hub)):
+    assert keys.read_worker_key(key.following(secret).text(), "key").hub == secret
+    assert keys.read_hub_key(keys.format_hub_key(hub), "hub") == hub
+    assert keys.abbreviate_key(hub) == "000102030405"
+    for text in ("", "ewk", key.text()[:-4], keys.format_hub_key(hub)):
         with pytest.raises(InvalidValue, match=r"is not a worker key.*worker key create"):
-            read_worker_key(text, "key")
-    for text in ("", key.text(), format_hub_key(hub)[:-4]):
+            keys.read_worker_key(text, "key")
+    for text in ("", key.text(), keys.format_hub_key(hub)[:-4]):
         with pytest.raises(InvalidValue, match=r"not the public key of a hub.*rotate-hub"):
-            read_hub_key(text, "hub")
-    assert decode_key(base64.urlsafe_b64encode(hub).decode().rstrip("="), 32) == hub
-    assert decode_key("!!", 32) is None
+            keys.read_hub_key(text, "hub")
+    assert keys.decode_key(base64.urlsafe_b64encode(hub).decode().rstrip("="), 32) == hub
+    assert keys.decode_key("!!", 32) is None

@@ -10,15 +10,7 @@ import pytest
 from eigenfail.errors import InvalidValue
 from eigenfail.values.access import TOKEN, KeyRequest, Scope
 from eigenfail_services.access import authenticate_key, first_key, make_key
-from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 def test_it_is_in_a_file_for_its_owner_alone_and_opens_the_door(store, tmp_path):

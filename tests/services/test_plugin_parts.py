@@ -193,13 +193,6 @@ def test_backups_have_the_tables_of_plugins_and_restoring_keeps_what_is_there(br
         backup.restore(other, tmp_path / "kept")
 
 
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
-
-
 def test_a_task_runs_again_after_an_error_until_the_service_stops(bring, store, monkeypatch):
     monkeypatch.setattr(background, "RETRY_S", 0.01)
     bring(plugins.TASKS, sheep=TASK, goats="raise RuntimeError('broken')")

@@ -23,7 +23,7 @@ from eigenfail.values.episode import (
 )
 from eigenfail.values.learning import Layer, Policy
 
-EPISODES = 4
+EPISODES = len(Importance)
 WORLDS = [
     ({"simulator": simulator, "scenario": scenario, "planner": planner})
     for simulator in ("highway", "point_mass")

@@ -1,7 +1,6 @@
 """What the tests of the plug-in share: a service over a store in memory, and commands for it."""
 
 import sys
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -23,15 +22,8 @@ from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.store import open_store
 
 EPISODES = 12
-
-
-@pytest.fixture
-def store():
-    with closing(open_store("memory://")) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -18,14 +18,7 @@ from eigenfail.contracts.recording import (
 )
 from eigenfail.values.episode import Outcome
 from eigenfail.values.scene import Scene
-from eigenfail_exchange.animation import (
-    CAPTION_PX,
-    LAST_FRAME_S,
-    MAX_HEIGHT_PX,
-    WIDTH_PX,
-    draw_episode,
-    draw_overlaid_episodes,
-)
+from eigenfail_exchange import animation
 
 BLUE, RED = (37, 99, 200), (204, 36, 50)
 NEAR = 12
@@ -63,17 +56,17 @@ def road_scene(steps=STEPS, ahead_m=20.0, y_m=0.0):
 
 
 def test_there_is_a_frame_for_each_moment():
-    frames, durations = open_frames(draw_episode(record(road_scene(), mission=MISSION)))
+    frames, durations = open_frames(animation.draw_episode(record(road_scene(), mission=MISSION)))
     assert len(frames) == STEPS + 1
     height, width, _ = frames[0].shape
-    assert width == WIDTH_PX
-    assert CAPTION_PX < height <= MAX_HEIGHT_PX
-    assert durations == [100] * STEPS + [round(1000 * LAST_FRAME_S)]
+    assert width == animation.WIDTH_PX
+    assert animation.CAPTION_PX < height <= animation.MAX_HEIGHT_PX
+    assert durations == [100] * STEPS + [round(1000 * animation.LAST_FRAME_S)]
 
 
 @pytest.mark.parametrize(("outcome", "is_red"), [(Outcome.COLLISION, True), (Outcome.SAFE, False)])
 def test_the_ego_turns_red_at_its_collision(outcome, is_red):
-    frames, _ = open_frames(draw_episode(record(road_scene(), outcome, MISSION)))
+    frames, _ = open_frames(animation.draw_episode(record(road_scene(), outcome, MISSION)))
     blue, red = ([count(frame, colour) for frame in frames] for colour in (BLUE, RED))
     assert min(blue[:-1]) > 500
     assert max(red[:-1]) == 0
@@ -84,7 +77,7 @@ def test_vehicles_that_are_not_there_are_not_drawn():
     scene = road_scene()
     scene.vehicles[5:, 1] = np.nan
     car = (110, 114, 124)
-    frames, _ = open_frames(draw_episode(record(scene, mission=MISSION)))
+    frames, _ = open_frames(animation.draw_episode(record(scene, mission=MISSION)))
     assert count(frames[4], car) > count(frames[6], car) + 100
 
 
@@ -102,7 +95,7 @@ def test_frames_are_few_not_too_short_and_include_both_ends(steps, dt_s):
 def test_an_animation_is_as_long_as_its_episode(dt_s):
     """GIF counts in 10 ms, which a step need not be a multiple of."""
     scene = replace(road_scene(steps=60), dt_s=dt_s)
-    _, durations = open_frames(draw_episode(record(scene, mission=MISSION)))
+    _, durations = open_frames(animation.draw_episode(record(scene, mission=MISSION)))
     shown_ms = np.cumsum(durations[:-1])
     wanted_ms = 1000 * dt_s * np.array(list_frame_steps(60, dt_s)[1:])
     assert shown_ms == pytest.approx(wanted_ms, abs=5.001)
@@ -111,7 +104,7 @@ def test_an_animation_is_as_long_as_its_episode(dt_s):
 def test_an_ego_alone_is_drawn():
     scene = road_scene()
     alone = replace(scene, vehicles=scene.vehicles[:, :1], sizes=scene.sizes[:1])
-    frames, _ = open_frames(draw_episode(record(alone, mission=MISSION)))
+    frames, _ = open_frames(animation.draw_episode(record(alone, mission=MISSION)))
     assert min(count(frame, BLUE) for frame in frames[:-1]) > 500
 
 
@@ -129,8 +122,8 @@ def overlay(scenes, outcomes, **changes):
 def test_episodes_are_drawn_over_each_other():
     scenes = road_scene(), road_scene(steps=8, ahead_m=30.0, y_m=3.5)
     both = (Outcome.COLLISION, Outcome.COLLISION)
-    alone, _ = open_frames(draw_overlaid_episodes(overlay(scenes[:1], both[:1])))
-    frames, _ = open_frames(draw_overlaid_episodes(overlay(scenes, both)))
+    alone, _ = open_frames(animation.draw_overlaid_episodes(overlay(scenes[:1], both[:1])))
+    frames, _ = open_frames(animation.draw_overlaid_episodes(overlay(scenes, both)))
     assert len(frames) == STEPS + 1
     assert [count(frame, RED) > 0 for frame in alone] == [False] * STEPS + [True]
     # The shorter one ends first, and is in outline.
@@ -141,12 +134,14 @@ def test_episodes_are_drawn_over_each_other():
 def test_episodes_that_are_aligned_at_the_collision_end_together():
     scenes = road_scene(), road_scene(steps=8, y_m=3.5)
     both = (Outcome.COLLISION, Outcome.COLLISION)
-    frames, _ = open_frames(draw_overlaid_episodes(overlay(scenes, both, aligned_at_end=True)))
+    frames, _ = open_frames(
+        animation.draw_overlaid_episodes(overlay(scenes, both, aligned_at_end=True))
+    )
     assert [count(frame, RED) > 0 for frame in frames] == [False] * STEPS + [True]
 
 
 def test_a_drive_without_a_known_road_is_drawn_as_well():
     recording = record(drive())
-    frames, _ = open_frames(draw_episode(recording))
+    frames, _ = open_frames(animation.draw_episode(recording))
     assert len(frames) == STEPS + 1
-    assert draw_episode(recording) == draw_episode(recording)
+    assert animation.draw_episode(recording) == animation.draw_episode(recording)

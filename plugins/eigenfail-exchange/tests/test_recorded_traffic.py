@@ -10,14 +10,7 @@ from msgspec.structs import replace
 from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
 from eigenfail.testing.scenario import SCENARIO_CHECKS
-from eigenfail_exchange.recorded_traffic.scenario import (
-    DECELERATION_MPS2,
-    STANDSTILL_GAP_M,
-    TIME_GAP_S,
-    RecordedTraffic,
-    RecordedTrafficParameters,
-    find_log_validity,
-)
+from eigenfail_exchange.recorded_traffic import scenario
 from eigenfail_exchange.recorded_traffic.tracks import RecordedTracks
 
 DT_S = 0.1
@@ -35,11 +28,11 @@ def make_tracks(*vehicles, seconds=20.0):
 
 
 def stage(tracks, reactive_from_m=5.0):
-    class Recording(RecordedTraffic):
+    class Recording(scenario.RecordedTraffic):
         pass
 
     Recording.tracks = tracks
-    return Recording()(RecordedTrafficParameters(reactive_from_m), 0)
+    return Recording()(scenario.RecordedTrafficParameters(reactive_from_m), 0)
 
 
 def play(situation, speeds, y_m=0.0):
@@ -87,7 +80,7 @@ def test_the_vehicle_behind_stops_for_an_ego_that_stops():
     speeds = np.maximum(20.0 - 3.0 * DT_S * np.arange(situation.steps), 0.0)
     seen = play(situation, speeds)
     gaps = [gap(states[1], states[0]) for states in seen]
-    assert min(gaps) > 0.5 * STANDSTILL_GAP_M
+    assert min(gaps) > 0.5 * scenario.STANDSTILL_GAP_M
     assert seen[-1][1].speed_mps < 0.5
     assert all(before[1].x_m <= after[1].x_m for before, after in pairwise(seen))
 
@@ -98,7 +91,9 @@ def test_a_follower_keeps_the_gap_of_the_model():
     desired, speed = 20.0, 15.0
     situation = stage(make_tracks((0.0, 0.0, desired), (-60.0, 0.0, desired), seconds=200.0))
     ego, follower = play(situation, [speed] * situation.steps)[-1]
-    wanted = (STANDSTILL_GAP_M + speed * TIME_GAP_S) / (1.0 - (speed / desired) ** 4) ** 0.5
+    wanted = (scenario.STANDSTILL_GAP_M + speed * scenario.TIME_GAP_S) / (
+        1.0 - (speed / desired) ** 4
+    ) ** 0.5
     assert follower.speed_mps == pytest.approx(speed, abs=0.01)
     # Its law sees the ego a step later than itself.
     assert gap(follower, ego) == pytest.approx(wanted, abs=2 * speed * DT_S)
@@ -110,8 +105,8 @@ def test_a_follower_that_was_too_near_falls_back_without_an_emergency():
     seen = play(situation, [19.5] * situation.steps)
     speeds = [states[1].speed_mps for states in seen]
     hardest = max(before - after for before, after in pairwise(speeds)) / DT_S
-    assert 0.5 < hardest < 1.2 * DECELERATION_MPS2
-    assert gap(seen[-1][1], seen[-1][0]) > 19.5 * TIME_GAP_S
+    assert 0.5 < hardest < 1.2 * scenario.DECELERATION_MPS2
+    assert gap(seen[-1][1], seen[-1][0]) > 19.5 * scenario.TIME_GAP_S
     assert min(gap(states[1], states[0]) for states in seen) > 0.5 * 10.0
 
 
@@ -169,15 +164,15 @@ def test_each_episode_of_a_situation_begins_anew():
 def test_a_recording_is_valid_until_the_ego_has_left_it(distance_m, valid_s):
     course = ALONG.states[:, 0].astype(np.float32)
     course[:, 0] += np.arange(len(course)) * DT_S
-    assert find_log_validity(ALONG, course, distance_m) == pytest.approx(valid_s)
+    assert scenario.find_log_validity(ALONG, course, distance_m) == pytest.approx(valid_s)
     short = course[:3]
-    assert find_log_validity(ALONG, short, distance_m) == pytest.approx(min(valid_s, 0.2))
+    assert scenario.find_log_validity(ALONG, short, distance_m) == pytest.approx(min(valid_s, 0.2))
 
 
 def test_a_recording_is_not_valid_where_the_ego_has_no_place():
     course = ALONG.states[:, 0].copy()
     course[30:, :2] = np.nan
-    assert find_log_validity(ALONG, course, 1.0) == pytest.approx(3.0)
+    assert scenario.find_log_validity(ALONG, course, 1.0) == pytest.approx(3.0)
 
 
 def mask(tracks, number, first, last):
@@ -205,7 +200,7 @@ def play_traffic(situation, speeds):
 
 @pytest.mark.parametrize("check", SCENARIO_CHECKS)
 def test_vehicles_that_come_and_go_fulfil_the_contract(check):
-    class Recording(RecordedTraffic):
+    class Recording(scenario.RecordedTraffic):
         tracks = make_changing()
 
     check(Recording())

@@ -13,21 +13,8 @@ from scipy import stats
 from eigenfail.errors import InvalidValue
 from eigenfail.values.disturbance import AXES, Conversion, DisturbanceModel, NoiseTrajectory
 from eigenfail.values.shapes import Correlated, HeavyTailed, White
+from eigenfail_noise_fit import fitting, jackknife
 from eigenfail_noise_fit.checks import check_position
-from eigenfail_noise_fit.fitting import (
-    CANDIDATES,
-    Fit,
-    choose_fit,
-    compute_density,
-    find_parameters,
-    fit_shapes,
-    make_likelihood,
-)
-from eigenfail_noise_fit.jackknife import (
-    ShapeScore,
-    find_ratio_interval,
-    maximize_likelihood,
-)
 from eigenfail_noise_fit.log_file import read_log
 from eigenfail_noise_fit.sensor_log import FEWEST_TRACKS, Row, make_log
 
@@ -58,13 +45,13 @@ def list_parameters(model):
 def fitted(request, benchmark):
     """A log of a model of each shape, the model, and the chosen fit."""
     log, model = draw(benchmark, request.param)
-    return log, model, choose_fit(fit_shapes(log.select(*AXES)))
+    return log, model, fitting.choose_fit(fitting.fit_shapes(log.select(*AXES)))
 
 
 def test_the_shape_is_chosen_and_most_intervals_hold_what_was_planted(fitted, benchmark):
     log, model, best = fitted
     assert type(best.model.shape) is type(model.shape)
-    found = find_parameters(best, log.select(*AXES))
+    found = fitting.find_parameters(best, log.select(*AXES))
     covered = benchmark.list_covered(model, found)
     assert sum(covered) >= len(covered) - 1
     for one in found:
@@ -80,7 +67,7 @@ def test_z_is_standard_normal_under_the_chosen_model(fitted):
         assert stats.kstest(axis, "norm").pvalue > 1e-3
 
 
-@pytest.mark.parametrize("candidate", CANDIDATES, ids=lambda one: one.kind)
+@pytest.mark.parametrize("candidate", fitting.CANDIDATES, ids=lambda one: one.kind)
 @settings(deadline=None, max_examples=25)
 @given(seed=st.integers(0, 2**32))
 def test_density_and_z_are_those_of_the_product(candidate, seed):
@@ -102,7 +89,7 @@ def test_density_and_z_are_those_of_the_product(candidate, seed):
         0.1,
     )
     errors, parameters = log.select(*AXES), list_parameters(model)
-    density = np.bincount(errors.track, compute_density(candidate, errors, parameters))
+    density = np.bincount(errors.track, fitting.compute_density(candidate, errors, parameters))
     assert density == pytest.approx([one.log_probability for one in noise], rel=1e-4, abs=1e-2)
     u = errors.error / sigma.reshape(-1, 2)
     found = candidate.find_z(errors, u, parameters[4:])
@@ -114,7 +101,9 @@ def test_every_misfit_is_found(benchmark):
         log, _ = draw(benchmark, "white", bend)
         failed = [
             one
-            for one in check_position(log, choose_fit(fit_shapes(log.select(*AXES))))
+            for one in check_position(
+                log, fitting.choose_fit(fitting.fit_shapes(log.select(*AXES)))
+            )
             if not one.holds
         ]
         assert failed, name
@@ -134,7 +123,7 @@ def test_a_step_that_was_missed_breaks_the_correlation():
     errors = log.select(*AXES)
     assert errors.follows[:4].tolist() == [False, True, False, True]
     assert (log.is_missed.sum(), log.count_misses()) == (FEWEST_TRACKS, FEWEST_TRACKS)
-    ar1 = next(one for one in CANDIDATES if one.kind == "ar1")
+    ar1 = next(one for one in fitting.CANDIDATES if one.kind == "ar1")
     u = np.tile([[1.0, 0.5]], (len(errors.track), 1))
     z = ar1.find_z(errors, u, np.array([0.6, 0.0]))[:4]
     assert z[:, 0] == pytest.approx([1.0, 0.5, 1.0, 0.5])
@@ -208,8 +197,8 @@ def test_distances_that_hardly_differ_give_a_wide_interval():
     ]
     log = make_log(rows, 0.1)
     errors = log.select(*AXES)
-    white = fit_shapes(errors)[0]
-    found = {one.name: one.interval for one in find_parameters(white, errors)}
+    white = fitting.fit_shapes(errors)[0]
+    found = {one.name: one.interval for one in fitting.find_parameters(white, errors)}
     assert found["lateral_slope"].low == 0.0
     assert found["lateral_slope"].high > 0.1
 
@@ -227,7 +216,7 @@ def test_a_perfect_sensor_is_refused():
 def test_checks_of_short_logs_raise_no_false_alarms():
     """30 tracks of 10 steps: in most such logs no |z| is above 3."""
     alarms = 0
-    white = CANDIDATES[0]
+    white = fitting.CANDIDATES[0]
     for seed in range(60):
         random = np.random.default_rng(seed)
         rows = [
@@ -237,15 +226,15 @@ def test_checks_of_short_logs_raise_no_false_alarms():
             for dx, dy in [(20.0 + 2.0 * track + step, 0.1 * track)]
         ]
         log = make_log(rows, 0.1)
-        best = maximize_likelihood(make_likelihood(white, log.select(*AXES)))
-        fit = Fit(white, AXES, best, ShapeScore(0.0, None))
+        best = jackknife.maximize_likelihood(fitting.make_likelihood(white, log.select(*AXES)))
+        fit = fitting.Fit(white, AXES, best, jackknife.ShapeScore(0.0, None))
         alarms += any(not one.holds for one in check_position(log, fit))
     assert alarms <= 4
 
 
 def test_the_interval_of_a_mean_over_equal_tracks_is_students(benchmark):
     values = np.random.default_rng(3).normal(2.0, 1.0, 40)
-    mean, interval = find_ratio_interval(values, np.ones(40))
+    mean, interval = jackknife.find_ratio_interval(values, np.ones(40))
     expected = stats.t.interval(0.95, 39, values.mean(), stats.sem(values))
     assert mean == pytest.approx(values.mean())
     assert (interval.low, interval.high) == pytest.approx(expected)

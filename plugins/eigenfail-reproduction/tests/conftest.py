@@ -1,6 +1,5 @@
 """What the tests of the plug-in share: a service that costs nothing, and made-up summaries."""
 
-from contextlib import closing
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +13,6 @@ from eigenfail.values.estimates import Cost, Rate
 from eigenfail.values.safety import FailurePoint, Safety, Scatter, SeverityRisk, Violations
 from eigenfail.values.summary import Conflicts, Summary
 from eigenfail_reproduction.programme import build_suite
-from eigenfail_services.store import open_store
 
 ROOT = Path(__file__).parents[3]
 
@@ -29,13 +27,6 @@ def import_benchmark(monkeypatch):
     """Imports a benchmark of the plug-in by its name."""
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
     return import_module
-
-
-@pytest.fixture
-def store():
-    """The store of the service."""
-    with closing(open_store("memory://")) as opened:
-        yield opened
 
 
 @pytest.fixture

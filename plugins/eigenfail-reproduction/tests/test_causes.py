@@ -13,15 +13,9 @@ from eigenfail.values.estimates import Interval, Rate
 from eigenfail.values.proof import Proof, ProvenScenario, Reproduction
 from eigenfail.values.safety import FailurePoint, Figure, Safety, Scatter, SeverityRisk, Violations
 from eigenfail.values.summary import Conflicts
+from eigenfail_reproduction import tables
 from eigenfail_reproduction.causes import compute_rand_index, judge_causes, leave_causes_open
 from eigenfail_reproduction.programme import PROGRAMMES
-from eigenfail_reproduction.tables import (
-    READINGS,
-    build_component_table,
-    build_replay_table,
-    build_safety_table,
-    list_readings,
-)
 
 NAME = "ast evaluation"
 CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]
@@ -106,12 +100,12 @@ COLLISION = ("longitudinal", "collision"), ("lateral", "collision")
 ALONG = ("longitudinal", "collision"), ("longitudinal", "start")
 
 
-def judge(words, *, proven=None, measured=None, given=None, readings=tuple(READINGS)):
+def judge(words, *, proven=None, measured=None, given=None, readings=tuple(tables.READINGS)):
     """The statement with these words, where these readings have the given analysis."""
     usual = {"longitudinal": (0.2, 0.1, 0.1), "lateral": (0.5, 0.2, 0.1), "joint": (0.3, 0.1, 0.1)}
     analyses = {
         (NAME, *reading): given if given and reading in readings else analysis(*usual[reading[0]])
-        for reading in READINGS
+        for reading in tables.READINGS
     }
     proofs = {NAME: proven or proof(4, 4)}
     safeties = {NAME: measured or safety(-0.5, -0.7, -0.2)}
@@ -160,7 +154,7 @@ ALL_ALIKE = "All failures have the same likelihood or the same severity."
         ("distinct failure modes", {"given": analysis(modes=2)}, False),
         *(
             ("distinct failure modes", {"given": analysis(modes=2), "readings": (reading,)}, None)
-            for reading in READINGS
+            for reading in tables.READINGS
         ),
         ("reproduce failures in all", {}, True),
         ("reproduce failures in all", {"proven": proof(4, 3)}, False),
@@ -194,7 +188,7 @@ def test_a_rank_correlation_is_shown_with_its_interval_and_the_reason(measured, 
 
 def test_safety_measures_of_difs_stand_beside_the_papers():
     found = {"difs evaluation": safety(0.0, -1.0, 1.0), NAME: safety(0.0, -1.0, 1.0)}
-    collision, ttc, _, *of_ast = build_safety_table(found).rows
+    collision, ttc, _, *of_ast = tables.build_safety_table(found).rows
     assert (collision.numbers[0].value, collision.numbers[0].paper) == (0.03, 0.03)
     assert collision.numbers[1].value is None
     assert [number.paper for number in ttc.numbers] == [19 / 300, 3.50, 0.015]
@@ -205,18 +199,18 @@ def test_safety_measures_of_difs_stand_beside_the_papers():
 def test_modes_count_only_where_they_are_distinct():
     along, across = ((NAME, *reading) for reading in COLLISION)
     found = {along: analysis(0.2, 0.2), across: analysis(0.3), (NAME, *ALONG[1]): analysis(0.9)}
-    table = build_component_table(found, CUT_IN)
+    table = tables.build_component_table(found, CUT_IN)
     assert [row.name for row in table.rows] == [f"{NAME}: longitudinal", f"{NAME}: lateral"]
     explained, modes = table.rows[0].numbers[:2]
     assert (explained.value, explained.paper) == (pytest.approx(0.4), 0.40)
     assert (modes.value, modes.paper) == (3.0, 3)
     assert table.rows[1].numbers[0].paper is None
-    blob = build_component_table({across: analysis(0.3, silhouette=0.1)}, CUT_IN)
+    blob = tables.build_component_table({across: analysis(0.3, silhouette=0.1)}, CUT_IN)
     assert blob.rows[0].numbers[1].value == 1.0
 
 
 def test_replays_are_told_by_scenario():
-    rows = build_replay_table({NAME: proof(4, 3)}, CUT_IN).rows
+    rows = tables.build_replay_table({NAME: proof(4, 3)}, CUT_IN).rows
     assert [row.name for row in rows] == [
         f"{NAME}: the same scenario",
         f"{NAME}: distance_m 63",
@@ -230,7 +224,7 @@ def test_replays_are_told_by_scenario():
 
 def drive(words, result, causes):
     """The statement with these words where the scenario names the causes of its failures."""
-    analyses = {(NAME, *reading): result for reading in list_readings(DRIVE)}
+    analyses = {(NAME, *reading): result for reading in tables.list_readings(DRIVE)}
     found = judge_causes(analyses, {NAME: proof(4, 4)}, {}, DRIVE, {NAME: causes})
     (one,) = [statement for statement in found if words in statement.paper]
     return one
@@ -290,7 +284,7 @@ def test_causes_of_a_few_failures_are_not_asked_for():
 
 
 def test_a_drive_is_judged_aligned_at_the_collision_and_on_the_noise_of_all_vehicles():
-    found = list_readings(DRIVE)
+    found = tables.list_readings(DRIVE)
     assert set(found) == {*COLLISION, ("joint", "collision"), ("joint", "start")}
     assert found["lateral", "collision"].axes == "every.lateral"
     assert found["joint", "start"].axes == "joint"
@@ -323,5 +317,5 @@ def test_an_evaluation_without_a_failure_leaves_its_statements_unasked():
 
 def judge_causes_of_all():
     """All statements of one evaluation of the cut-in."""
-    analyses = {(NAME, *reading): analysis(0.5) for reading in READINGS}
+    analyses = {(NAME, *reading): analysis(0.5) for reading in tables.READINGS}
     return judge_causes(analyses, {NAME: proof(4)}, {NAME: safety(0.5)}, CUT_IN, {})

@@ -1,7 +1,5 @@
 """How far chains of failures have mixed, over HTTP and on the command line."""
 
-from contextlib import closing
-
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
@@ -16,7 +14,6 @@ from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_searches.chains.method import ChainSettings, FailureChains
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.store import open_store
 
 CORRIDOR = Corridor(steps=20, wall=0.5)
 SETTINGS = {"campaign": 1, "chains": 4}
@@ -27,12 +24,6 @@ FIELDS = {
     "planner": "idm",
     "simulator": "point_mass",
 }
-
-
-@pytest.fixture
-def store():
-    with closing(open_store("memory://")) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -6,12 +6,7 @@ from store_checks.modes import analysed, crashed
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import analysis_result
-from eigenfail_api.access.change_details import (
-    LONGEST_DETAILS,
-    LONGEST_VALUE,
-    RECORDED,
-    format_details,
-)
+from eigenfail_api.access import change_details
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 
@@ -137,9 +132,9 @@ def test_details_are_bounded(as_holder, triaged, changes):
     as_holder("runner", "POST", f"{triaged}/triage", json=given)
     details = changes()[-1].details
     assert details.startswith('state = "known", ticket = "https://t/ttt')
-    assert len(details) <= LONGEST_DETAILS
-    assert max(map(len, details.split(", "))) <= LONGEST_VALUE + len("ticket = ")
-    assert format_details((f"f{n}", "x" * 90) for n in range(20)).endswith("…")
+    assert len(details) <= change_details.LONGEST_DETAILS
+    assert max(map(len, details.split(", "))) <= change_details.LONGEST_VALUE + len("ticket = ")
+    assert change_details.format_details((f"f{n}", "x" * 90) for n in range(20)).endswith("…")
 
 
 def test_a_body_that_is_not_listed_leaves_nothing(as_holder, fields, changes):
@@ -148,9 +143,9 @@ def test_a_body_that_is_not_listed_leaves_nothing(as_holder, fields, changes):
     assert {each.details for each in changes()} == {""}
 
 
-@pytest.mark.parametrize("kind", RECORDED)
+@pytest.mark.parametrize("kind", change_details.RECORDED)
 def test_the_fields_that_are_recorded_are_those_of_their_bodies(kind):
-    assert {*RECORDED[kind]} <= {*kind.__struct_fields__}
+    assert {*change_details.RECORDED[kind]} <= {*kind.__struct_fields__}
 
 
 def test_it_holds_no_body(as_holder, fields, changes):

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from contrast import contrast
 
 from eigenfail_api.dashboard.rendering import STATIC
 
@@ -11,17 +12,6 @@ TOKENS = TOKEN.findall((STATIC / "css" / "tokens.css").read_text())
 LIGHT, DARK = ({name: themes[place] for name, *themes in TOKENS} for place in (0, 1))
 TEXT = ("ink", "muted", "accent", "good", "bad", "waiting", "active")
 MARKS = ("safe", *(f"mark-{n}" for n in range(8)))
-
-
-def luminance(colour):
-    channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-def contrast(one, other):
-    low, high = sorted((luminance(one), luminance(other)))
-    return (high + 0.05) / (low + 0.05)
 
 
 def test_black_on_white_is_21():

@@ -13,14 +13,7 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_api.dashboard import launch_page
-from eigenfail_api.dashboard.launch_fields import (
-    LaunchEntry,
-    Texts,
-    group_of,
-    make_body,
-    read_number,
-)
+from eigenfail_api.dashboard import launch_fields, launch_page
 from eigenfail_api.dashboard.launch_layout import make_layout
 from eigenfail_api.dashboard.launch_page import describe_error, list_fields
 
@@ -45,7 +38,7 @@ def names(texts):
 
 @pytest.mark.parametrize("method", plugins.names(plugins.METHODS))
 def test_every_setting_of_every_method_has_a_field(method):
-    found = names(Texts({"method": method}, {}))
+    found = names(launch_fields.Texts({"method": method}, {}))
     wanted = plugins.load(plugins.METHODS, method).Settings.__struct_fields__
     own = [name.removeprefix("settings.") for name in found if name.startswith("settings.")]
     assert own == list(wanted)
@@ -54,7 +47,7 @@ def test_every_setting_of_every_method_has_a_field(method):
 
 @pytest.mark.parametrize("planner", ["idm", "rulebook"])
 def test_every_setting_of_a_planner_has_a_field_however_deep(planner):
-    found = set(names(Texts({"planner": planner}, {})))
+    found = set(names(launch_fields.Texts({"planner": planner}, {})))
     settings = msgspec.to_builtins(plugins.load(plugins.PLANNERS, planner).Settings())
 
     def paths(value, above):
@@ -67,7 +60,7 @@ def test_every_setting_of_a_planner_has_a_field_however_deep(planner):
 
 
 def test_every_field_of_a_spec_is_in_the_form():
-    found = {name.partition(".")[0] for name in names(Texts({}, {}))}
+    found = {name.partition(".")[0] for name in names(launch_fields.Texts({}, {}))}
     assert found == set(CampaignSpec.__struct_fields__)
 
 
@@ -75,7 +68,7 @@ def test_every_field_of_a_spec_is_in_the_form():
 def test_the_shape_of_the_noise_brings_its_own_fields(shape):
     found = [
         name.removeprefix("disturbance.shape.")
-        for name in names(Texts({"disturbance.shape.kind": shape}, {}))
+        for name in names(launch_fields.Texts({"disturbance.shape.kind": shape}, {}))
         if name.startswith("disturbance.shape.")
     ]
     expected = {
@@ -88,7 +81,9 @@ def test_the_shape_of_the_noise_brings_its_own_fields(shape):
 
 def test_fields_tell_bounds_units_defaults_and_what_they_mean():
     scenario = plugins.load(plugins.SCENARIOS, "cut_in")
-    group = group_of(msgspec.json.schema(scenario.Parameters), "p", "Parameters", varied=True)
+    group = launch_fields.group_of(
+        msgspec.json.schema(scenario.Parameters), "p", "Parameters", varied=True
+    )
     field = next(each for each in group.fields if each.label == "distance_m")
     assert (field.kind, field.unit, field.default) == ("varied", "m", "58.0")
     assert (field.least, field.most) == ("52.0", "70.0")
@@ -98,7 +93,7 @@ def test_fields_tell_bounds_units_defaults_and_what_they_mean():
 
 
 def test_what_docstrings_say_of_fields_is_their_help():
-    fields = {field.name: field for field in list_fields(make_layout(Texts({}, {})))}
+    fields = {field.name: field for field in list_fields(make_layout(launch_fields.Texts({}, {})))}
     assert "that reappears" in fields["planner_settings.tracker.again_speed_sd_mps"].help
     assert fields["planner_settings.tracker.again_speed_sd_mps"].unit == "m/s"
     assert "95 % confidence sequence" in fields["stop.half_width"].help
@@ -142,8 +137,8 @@ SPECS = [
 @pytest.mark.parametrize("given", SPECS)
 def test_a_campaign_comes_out_of_the_form_as_it_went_in(given):
     spec = msgspec.convert({"name": "n", "method": "cem", "episodes": 5} | given, CampaignSpec)
-    texts = Texts({}, msgspec.to_builtins(spec))
-    body = make_body(list_fields(make_layout(texts)), texts)
+    texts = launch_fields.Texts({}, msgspec.to_builtins(spec))
+    body = launch_fields.make_body(list_fields(make_layout(texts)), texts)
     assert msgspec.convert(body, CampaignSpec) == spec
     # Types as well: 23 stays 23, and 60.5 stays a float.
     again = msgspec.convert(body, CampaignSpec)
@@ -165,7 +160,7 @@ def test_a_campaign_comes_out_of_the_form_as_it_went_in(given):
     ],
 )
 def test_numbers_are_read_as_typed(text, value):
-    found = read_number(text)
+    found = launch_fields.read_number(text)
     assert found == value
     assert type(found) is type(value)
 
@@ -307,14 +302,14 @@ def test_extending_is_a_new_campaign_and_the_page_says_so(check_page, look, lear
 
 def test_an_empty_entry_is_nothing():
     assert (
-        Texts({}, {"stop": {"cv": None}}).entry(
+        launch_fields.Texts({}, {"stop": {"cv": None}}).entry(
             next(
                 field
-                for field in list_fields(make_layout(Texts({}, {})))
+                for field in list_fields(make_layout(launch_fields.Texts({}, {})))
                 if field.name == "stop.cv"
             )
         )
-        == LaunchEntry()
+        == launch_fields.LaunchEntry()
     )
 
 

@@ -12,24 +12,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.client import Client
-from eigenfail.presentation.analyses import (
-    describe_findings,
-    describe_influence,
-    describe_modes,
-    format_moment,
-    list_mode_words,
-    tabulate_modes,
-    tabulate_noise_within,
-)
-from eigenfail.values.analysis import (
-    Analysis,
-    AnalysisResult,
-    AnalysisSettings,
-    FailureMode,
-    InfluenceShare,
-    Moment,
-    Stability,
-)
+from eigenfail.presentation import analyses
+from eigenfail.values import analysis
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import Interval
 
@@ -38,7 +22,7 @@ EPISODE = re.compile(r"(?<=episode )\d+/\d+")
 """Replays of two analyses are in two campaigns."""
 URL = "http://127.0.0.1:8440"
 NOTHING = np.zeros((0, 2), np.float32)
-BARE = AnalysisResult(
+BARE = analysis.AnalysisResult(
     episodes=(),
     explained=NOTHING,
     components=NOTHING,
@@ -81,17 +65,19 @@ def test_wrong_options_are_refused_in_words(check_session, done):
 def test_a_command_without_options_has_the_defaults_of_all_other_faces(eigenfail, done, service):
     asked = eigenfail("analyze", done, "--json")
     assert asked.exit_code == 0, asked.output
-    by_command = msgspec.convert(json.loads(asked.stdout)["analysis"]["settings"], AnalysisSettings)
+    by_command = msgspec.convert(
+        json.loads(asked.stdout)["analysis"]["settings"], analysis.AnalysisSettings
+    )
     with Client(URL, service) as client:
         by_client = client.analyses.create(done).settings
     by_rest = service.api.handle_request(
         httpx2.Request("POST", f"{URL}/api/v1/campaigns/{done}/analyses", json={})
     )
     assert by_rest.status_code == 201
-    by_rest = msgspec.json.decode(by_rest.read(), type=Analysis).settings
+    by_rest = msgspec.json.decode(by_rest.read(), type=analysis.Analysis).settings
     form = service.api.handle_request(httpx2.Request("GET", f"{URL}/campaigns/{done}")).read()
     assert {by_command, by_client, by_rest, read_form(form.decode()), load_demo().ANALYSIS} == {
-        AnalysisSettings()
+        analysis.AnalysisSettings()
     }
 
 
@@ -102,7 +88,7 @@ def read_form(page):
     typed = dict(re.findall(r'<input name="(\w+)" [^>]*value="(\w*)"', form))
     typed.pop("campaigns")
     numbers = {name: int(value) for name, value in typed.items() if value}
-    return msgspec.convert(chosen | numbers, AnalysisSettings)
+    return msgspec.convert(chosen | numbers, analysis.AnalysisSettings)
 
 
 def test_demo_prints_the_modes_that_the_command_of_the_readme_prints(
@@ -132,7 +118,7 @@ BY_NOISE = "Failures are grouped by the principal components of their noise."
 
 
 def test_an_older_result_has_nothing_more_to_say():
-    assert list(describe_findings(BARE)) == [BY_NOISE]
+    assert list(analyses.describe_findings(BARE)) == [BY_NOISE]
     assert BARE.verdict == "No distinct modes: the failures make a single group."
 
 
@@ -140,12 +126,12 @@ def test_findings_in_words():
     found = replace(
         BARE,
         notes=("A snapshot.",),
-        stability=Stability(20, 300, 0.91, Interval(0.4, 1.0)),
+        stability=analysis.Stability(20, 300, 0.91, Interval(0.4, 1.0)),
         outliers=0.124,
-        moments=(Moment("lateral", 4, 1.2, 0.5), Moment("lateral", 9, 0.7, 0.4)),
+        moments=(analysis.Moment("lateral", 4, 1.2, 0.5), analysis.Moment("lateral", 9, 0.7, 0.4)),
         digest="5eed",
     )
-    assert list(describe_findings(found)) == [
+    assert list(analyses.describe_findings(found)) == [
         BY_NOISE,
         "A snapshot.",
         (
@@ -159,16 +145,18 @@ def test_findings_in_words():
         ),
         "Digest of every number (SHA-256): 5eed",
     ]
-    assert format_moment(Moment("lateral", 4, None, 0.5)) == "at step 4"
+    assert analyses.format_moment(analysis.Moment("lateral", 4, None, 0.5)) == "at step 4"
 
 
 def test_the_share_of_the_last_seconds_in_words():
-    share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
-    assert describe_influence(share, AXES) == (
+    share = analysis.InfluenceShare(
+        seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5
+    )
+    assert analyses.describe_influence(share, AXES) == (
         "The last 2 s before the collision, 25.0 % of the time, hold 50.0 % of the influence "
         "(longitudinal 50.0 %)."
     )
-    assert "differ in no step" in describe_influence(replace(share, both=None), AXES)
+    assert "differ in no step" in analyses.describe_influence(replace(share, both=None), AXES)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +166,7 @@ def test_the_share_of_the_last_seconds_in_words():
 def test_where_noise_differs_is_told_in_the_alignment_of_the_analysis(step_s, words):
     components = np.zeros((1, 5, 2), np.float32)
     components[0, 3, 1] = -1.0
-    mode = FailureMode(
+    mode = analysis.FailureMode(
         failures=2,
         medoid=0,
         centre=NOTHING,
@@ -186,13 +174,13 @@ def test_where_noise_differs_is_told_in_the_alignment_of_the_analysis(step_s, wo
         components=components,
         explained=np.ones(1, np.float32),
     )
-    table = tabulate_noise_within(replace(BARE, modes=(mode,)), step_s)
+    table = analyses.tabulate_noise_within(replace(BARE, modes=(mode,)), step_s)
     assert table.rows[0][-1] == words
 
 
 def test_a_verdict_says_which_test_failed():
     modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, stability=None)
-    unstable = replace(modes, stability=Stability(20, 300, 0.5, Interval(0.1, 0.9)))
+    unstable = replace(modes, stability=analysis.Stability(20, 300, 0.5, Interval(0.1, 0.9)))
     assert (modes.distinct, unstable.distinct) == (True, False)
     assert "adjusted Rand index is 0.50, below 0.8" in unstable.verdict
     assert "cannot be distinguished from noise" in replace(modes, noise_silhouette=0.6).verdict
@@ -202,8 +190,8 @@ def test_modes_of_few_failures_and_a_low_interval_are_told_with_the_verdict():
     modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, stability=None)
 
     def of(*sizes, low=None):
-        made = tuple(FailureMode(count, 0, NOTHING, NOTHING) for count in sizes)
-        stability = None if low is None else Stability(20, 15, 1.0, Interval(low, 1.0))
+        made = tuple(analysis.FailureMode(count, 0, NOTHING, NOTHING) for count in sizes)
+        stability = None if low is None else analysis.Stability(20, 15, 1.0, Interval(low, 1.0))
         return replace(modes, modes=made, stability=stability)
 
     assert of(14, 5, 2, 2).verdict.startswith(
@@ -220,18 +208,18 @@ def test_modes_of_few_failures_and_a_low_interval_are_told_with_the_verdict():
         "other groups."
     )
     assert replace(low, noise_silhouette=0.6).caution == ""
-    assert describe_modes(1, replace(low, modes=()))[-1] == f"{low.verdict} {low.caution}".replace(
-        "2 distinct", "0 distinct"
-    )
+    assert analyses.describe_modes(1, replace(low, modes=()))[
+        -1
+    ] == f"{low.verdict} {low.caution}".replace("2 distinct", "0 distinct")
 
 
 def test_clusters_that_are_not_distinct_are_groups_wherever_they_are_named():
     words = ("Mode 1: It pushes.", "Mode 2: It pulls.")
     modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, words=words)
     groups = replace(modes, noise_silhouette=0.6)
-    assert [*list_mode_words(modes)] == [*words]
-    assert [*list_mode_words(groups)] == ["Group 1: It pushes.", "Group 2: It pulls."]
-    assert [tabulate_modes(1, each).columns[0].title for each in (modes, groups)] == [
+    assert [*analyses.list_mode_words(modes)] == [*words]
+    assert [*analyses.list_mode_words(groups)] == ["Group 1: It pushes.", "Group 2: It pulls."]
+    assert [analyses.tabulate_modes(1, each).columns[0].title for each in (modes, groups)] == [
         "Mode",
         "Group",
     ]

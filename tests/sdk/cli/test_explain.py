@@ -8,16 +8,9 @@ import pytest
 from eigenfail import plugins, replays
 from eigenfail.errors import InvalidValue
 from eigenfail.explanations import tell_story
+from eigenfail.values import episode
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeTask,
-    Outcome,
-    TrajectorySource,
-    unrunnable,
-)
 from eigenfail.values.measures import Measures
 from eigenfail.values.proof import ExplainedEpisode, ExplainedStep
 from eigenfail.values.records import Delivery
@@ -35,9 +28,9 @@ def crash(store):
     campaign = store.campaigns.create(spec).id
     store.campaigns.move(campaign, "running")
     engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-    (result,) = engine.run([EpisodeTask(3, 5, TrajectorySource(WAVE))])
-    fault = EpisodeFault("infrastructure", "Three workers were lost while they ran it.")
-    lost = unrunnable(EpisodeTask(4, 6, TrajectorySource(NOTHING)), fault)
+    (result,) = engine.run([episode.EpisodeTask(3, 5, episode.TrajectorySource(WAVE))])
+    fault = episode.EpisodeFault("infrastructure", "Three workers were lost while they ran it.")
+    lost = episode.unrunnable(episode.EpisodeTask(4, 6, episode.TrajectorySource(NOTHING)), fault)
     store.episodes.commit(campaign, [Delivery(result, "by hand"), Delivery(lost, "by hand")])
     store.campaigns.move(campaign, "pausing")
     store.campaigns.move(campaign, "paused")
@@ -99,7 +92,8 @@ def test_another_result_exits_with_1_and_says_so(check_session, crash, monkeypat
 def mirrored(explain):
     """Another version of the world: the noise comes the other way round."""
     return lambda setup, task: explain(
-        setup, EpisodeTask(task.index, task.seed, TrajectorySource(-0.1 * task.source.z))
+        setup,
+        episode.EpisodeTask(task.index, task.seed, episode.TrajectorySource(-0.1 * task.source.z)),
     )
 
 
@@ -117,12 +111,12 @@ def test_without_the_world_it_says_what_to_install(check_session, crash, monkeyp
 
 def result(outcome, **more):
     noise = NoiseTrajectory(NOTHING, NOTHING)
-    return EpisodeResult(0, 0, outcome, 10, noise, "trajectory", **more)
+    return episode.EpisodeResult(0, 0, outcome, 10, noise, "trajectory", **more)
 
 
 def tell(accounts, ended=None, accelerations=None):
     """The story of steps a second apart, behind a vehicle at which the truck closes at 10 m/s."""
-    safe = result(Outcome.SAFE, measures=Measures(4.25))
+    safe = result(episode.Outcome.SAFE, measures=Measures(4.25))
     pressed = accelerations or [0.0] * len(accounts)
     steps = tuple(
         ExplainedStep(float(n), a, 0.0, account, (0.0, 0.0), 50.0 - n, 10.0)
@@ -178,8 +172,8 @@ def test_what_flickers_is_told_in_one_sentence():
 
 
 def test_the_hardest_braking_and_a_broken_end_are_told():
-    fault = EpisodeFault("planner", "The planner raised KeyError.")
-    broken = result(Outcome.ERRORED, fault=fault)
+    fault = episode.EpisodeFault("planner", "The planner raised KeyError.")
+    broken = result(episode.Outcome.ERRORED, fault=fault)
     assert tell([{}] * 3, broken, [-1.0, -4.5, -2.0]) == [
         "At 1.0 s it asked for its hardest braking: 4.50 m/s².",
         "After 10 steps the episode was aborted: The planner raised KeyError.",

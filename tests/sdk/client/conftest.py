@@ -7,20 +7,12 @@ from starlette.testclient import TestClient
 from eigenfail.client import Client
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
 
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
     """Ask again at once."""
     monkeypatch.setattr("eigenfail.client.link.find_pause", lambda _error, _tried: 0.0)
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 @pytest.fixture

@@ -7,15 +7,8 @@ import httpx2
 import pytest
 from starlette.testclient import TestClient
 
+from eigenfail import errors
 from eigenfail.client import Client
-from eigenfail.errors import (
-    Forbidden,
-    InvalidValue,
-    NotFound,
-    QuotaExceeded,
-    ServiceUnreachable,
-    Unauthorized,
-)
 from eigenfail.values.access import KeyRequest, Quotas, Scope, Usage
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
@@ -43,7 +36,7 @@ def test_a_client_takes_the_key_of_its_surroundings(locked, monkeypatch):
     monkeypatch.setenv("EIGENFAIL_KEY", f" {token}\n")
     with Client(transport=transport) as client:
         assert client.campaigns.list().first() == ()
-    with Client(transport=transport, key="") as client, pytest.raises(Unauthorized):
+    with Client(transport=transport, key="") as client, pytest.raises(errors.Unauthorized):
         client.campaigns.list().first()
 
 
@@ -51,7 +44,7 @@ def test_without_a_key_one_is_told_what_to_do(locked):
     transport, _ = locked
     with Client(transport=transport) as client:
         assert client.health()
-        with pytest.raises(Unauthorized) as caught:
+        with pytest.raises(errors.Unauthorized) as caught:
             client.campaigns.get(1)
     assert "EIGENFAIL_KEY" in caught.value.remedy
     assert caught.value.exit_code == 2
@@ -62,9 +55,9 @@ def test_a_key_that_allows_too_little_names_what_is_missing(locked, fields):
     with Client(transport=transport, key=token) as client:
         viewer = client.keys.create("dashboards", "viewer", 3_600)
     with Client(transport=transport, key=viewer.token) as client:
-        with pytest.raises(Forbidden, match="'runner'"):
+        with pytest.raises(errors.Forbidden, match="'runner'"):
             client.campaigns.create(**fields)
-        with pytest.raises(Forbidden, match="'admin'"):
+        with pytest.raises(errors.Forbidden, match="'admin'"):
             client.keys.list().first()
 
 
@@ -74,9 +67,9 @@ def test_keys_are_made_listed_and_revoked(locked):
         made = client.keys.create("nightly", Scope.RUNNER)
         assert [key.name for key in client.keys.list()] == ["nightly", "me"]
         assert client.keys.revoke(made.key.id).revoked_ms
-        with pytest.raises(NotFound):
+        with pytest.raises(errors.NotFound):
             client.keys.revoke(99)
-        with pytest.raises(InvalidValue, match="scope"):
+        with pytest.raises(errors.InvalidValue, match="scope"):
             client.keys.create("x", "root")
         told = [(each.who, each.method, each.status) for each in client.keys.audit()]
     assert told == [("me", "DELETE", 404), ("me", "DELETE", 200), ("me", "POST", 201)]
@@ -86,7 +79,7 @@ def test_keys_are_made_listed_and_revoked(locked):
     "wrong", ["secret", "ef_1_short", f"{TOKEN}\nX: y", f"{TOKEN} "[:-2], "ß" * 48]
 )
 def test_what_is_no_key_is_refused_unsaid(wrong):
-    with pytest.raises(InvalidValue) as caught:
+    with pytest.raises(errors.InvalidValue) as caught:
         Client(key=wrong)
     assert caught.value.field == "key"
     assert wrong not in str(caught.value)
@@ -100,7 +93,7 @@ def test_a_key_is_in_no_text(caplog):
         raise httpx2.ConnectError("refused")
 
     client = Client("http://127.0.0.1:9", httpx2.MockTransport(answer), TOKEN)
-    with pytest.raises(ServiceUnreachable) as caught:
+    with pytest.raises(errors.ServiceUnreachable) as caught:
         client.keys.revoke(1)
     told = "".join(traceback.format_exception(caught.value))
     assert "No eigenfail service answers" in told
@@ -114,7 +107,7 @@ def test_quotas_are_set_seen_and_kept_to(locked, fields):
         made = admin.keys.create("ci", "runner", quotas=Quotas(max_open=1))
         with Client(transport=transport, key=made.token) as client:
             client.campaigns.create(**fields)
-            with pytest.raises(QuotaExceeded, match="max_open"):
+            with pytest.raises(errors.QuotaExceeded, match="max_open"):
                 client.campaigns.create(**fields)
         number = made.key.id
         assert admin.keys.usage(number) == Usage(1, admin.campaigns.get(1).counts.planned)

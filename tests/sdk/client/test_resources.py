@@ -8,18 +8,8 @@ import pytest
 from store_checks.examples import deliver as store_results
 from store_checks.examples import name_channels, result_of, running
 
+from eigenfail import errors
 from eigenfail.client import Client
-from eigenfail.errors import (
-    Conflict,
-    IllegalTransition,
-    InvalidValue,
-    NotFound,
-    ServiceError,
-    ServiceUnreachable,
-    StoreUnwritable,
-    UnknownName,
-    WaitTimeout,
-)
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
@@ -87,22 +77,22 @@ def test_a_campaign_is_created_from_a_spec_or_from_fields(client, fields, store)
 
 
 def test_what_is_wrong_with_a_campaign_is_told_with_the_known_names(client, fields):
-    with pytest.raises(UnknownName) as refusal:
+    with pytest.raises(errors.UnknownName) as refusal:
         client.campaigns.create(**fields | {"planner": "rulebok"})
     assert (refusal.value.field, refusal.value.name) == ("planner", "rulebok")
     assert "rulebook" in refusal.value.known
     assert "Did you mean 'rulebook'?" in str(refusal.value)
-    with pytest.raises(UnknownName, match="Did you mean 'episodes'"):
+    with pytest.raises(errors.UnknownName, match="Did you mean 'episodes'"):
         client.campaigns.create(**fields, episode=3)
-    with pytest.raises(UnknownName, match="lateral_slope"):
+    with pytest.raises(errors.UnknownName, match="lateral_slope"):
         client.campaigns.create(**fields, disturbance={"slope": 1.0})
-    with pytest.raises(InvalidValue, match=r"settings\.round_size"):
+    with pytest.raises(errors.InvalidValue, match=r"settings\.round_size"):
         client.campaigns.create(**fields, settings={"round_size": 0})
-    with pytest.raises(InvalidValue, match="price_usd_per_hour"):
+    with pytest.raises(errors.InvalidValue, match="price_usd_per_hour"):
         client.campaigns.create(**fields, price_usd_per_hour=float("nan"))
-    with pytest.raises(InvalidValue, match="name: is required"):
+    with pytest.raises(errors.InvalidValue, match="name: is required"):
         client.campaigns.create(method="monte_carlo", episodes=3)
-    with pytest.raises(InvalidValue, match="object"):
+    with pytest.raises(errors.InvalidValue, match="object"):
         client.campaigns.create(**fields, settings={"round_size": object()})
 
 
@@ -119,7 +109,7 @@ def test_wishes(client, campaign):
     assert client.campaigns.pause(campaign.id).state == "paused"
     assert client.campaigns.resume(campaign.id).state == "queued"
     assert client.campaigns.cancel(campaign.id).state == "cancelled"
-    with pytest.raises(IllegalTransition, match="cannot be resumed"):
+    with pytest.raises(errors.IllegalTransition, match="cannot be resumed"):
         client.campaigns.resume(campaign.id)
 
 
@@ -139,7 +129,7 @@ def test_waiting_ends_with_the_campaign_and_tells_of_progress(client, campaign, 
 
 def test_waiting_ends_at_a_pause_and_after_the_time_that_was_given(client, campaign):
     seen = rf"Campaign {campaign.id} \({campaign.spec.name}; queued, 0 of .* completed\)"
-    with pytest.raises(WaitTimeout, match=f"{seen} is still running after 0 s"):
+    with pytest.raises(errors.WaitTimeout, match=f"{seen} is still running after 0 s"):
         client.campaigns.wait(campaign.id, poll_s=0.0, timeout_s=0.0)
     client.campaigns.pause(campaign.id)
     assert client.campaigns.wait(campaign.id).state == "paused"
@@ -215,7 +205,7 @@ def test_episodes_are_found_by_a_filter(client, campaign, deliver):
     worse = msgspec.structs.replace(collision(2), measures=Measures(0.0, severity=16.0))
     deliver(collision(0), unrunnable(1), worse)
     assert [row.index for row in client.episodes.list(campaign.id, filter="severity > 9")] == [2]
-    with pytest.raises(UnknownName, match="Did you mean 'severity'") as refusal:
+    with pytest.raises(errors.UnknownName, match="Did you mean 'severity'") as refusal:
         list(client.episodes.list(campaign.id, filter="sevrity > 9"))
     assert refusal.value.field == "filter, character 1"
     picked = client.episodes.list(campaign.id, sort="-severity", fields=["index", "severity"])
@@ -228,7 +218,7 @@ def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):
     assert client.analyses.wait(analysis).result.modes[1].medoid == 3
     assert client.analyses.get(analysis).result.components.shape == (1, 4, 2)
     assert [each.id for each in client.analyses.list(campaign.id)] == [waiting.id, analysis]
-    with pytest.raises(ServiceError):
+    with pytest.raises(errors.ServiceError):
         client.analyses.wait(waiting.id, poll_s=0.0, timeout_s=0.0)
 
 
@@ -239,10 +229,10 @@ def test_modes_are_listed_and_named(client, analysis):
     renamed = client.analyses.rename_mode(analysis, second, "  late\tbraking ")
     assert (renamed.number, renamed.name) == (2, "late braking")
     assert client.analyses.modes(analysis)[1] == renamed
-    with pytest.raises(NotFound, match="has no mode 3"):
+    with pytest.raises(errors.NotFound, match="has no mode 3"):
         client.analyses.rename_mode(analysis, 3, "third")
     for name in ("", " ", "a\x00b", "x" * 81):
-        with pytest.raises(InvalidValue, match="name"):
+        with pytest.raises(errors.InvalidValue, match="name"):
             client.analyses.rename_mode(analysis, 1, name)
 
 
@@ -254,13 +244,15 @@ def test_eigenfailures_and_medoids_are_replayed(client, campaign, analysis, stor
     farther = client.campaigns.get(asked.scenarios[1].campaign).spec
     assert (farther.episodes, farther.scenario_parameters) == (4, {"distance_m": 63.0})
     assert not client.analyses.proof(analysis).done
-    with pytest.raises(WaitTimeout, match=f"The proof of analysis {analysis} is still running"):
+    with pytest.raises(
+        errors.WaitTimeout, match=f"The proof of analysis {analysis} is still running"
+    ):
         client.analyses.wait_for_proof(analysis, poll_s=0.0, timeout_s=0.0)
     for each in asked.scenarios:
         store.campaigns.move(each.campaign, CampaignState.CANCELLED)
     assert client.analyses.wait_for_proof(analysis).done
     unfinished = client.analyses.create(campaign.id)
-    with pytest.raises(Conflict, match="queued"):
+    with pytest.raises(errors.Conflict, match="queued"):
         client.analyses.prove(unfinished.id)
 
 
@@ -273,7 +265,7 @@ def test_events_are_followed(client, campaign, store):
         assert second.id > first.id
     with closing(client.events.follow(after=first.id, campaign=campaign.id)) as follower:
         assert next(follower) == second
-    with pytest.raises(NotFound):
+    with pytest.raises(errors.NotFound):
         next(client.events.follow(campaign=99))
 
 
@@ -290,10 +282,10 @@ def test_health(client, store, monkeypatch):
     assert client.trouble() is None
 
     def full():
-        raise StoreUnwritable("The disk is full.", "Make room.")
+        raise errors.StoreUnwritable("The disk is full.", "Make room.")
 
     monkeypatch.setattr(store, "ping", full)
-    assert isinstance(trouble := client.trouble(), StoreUnwritable)
+    assert isinstance(trouble := client.trouble(), errors.StoreUnwritable)
     assert trouble.remedy == "Make room."
     monkeypatch.setattr(store, "ping", lambda: 1 / 0)
     assert not client.health()
@@ -318,7 +310,7 @@ def test_health(client, store, monkeypatch):
     ],
 )
 def test_what_is_not_there_is_not_found(client, ask):
-    with pytest.raises(NotFound):
+    with pytest.raises(errors.NotFound):
         ask(client)
 
 
@@ -338,31 +330,31 @@ def test_an_episode_is_replayed_as_a_campaign(client, campaign, deliver):
     assert made.spec.method == "replay"
     assert made.spec.settings["scale"] == 0.5
     assert list(client.suites.list()) == []
-    with pytest.raises(InvalidValue, match="scale"):
+    with pytest.raises(errors.InvalidValue, match="scale"):
         client.episodes.replay(campaign.id, 0, scale=9.0)
 
 
 def test_settings_of_an_analysis_are_given_by_name(client, campaign):
     assert client.analyses.create(campaign.id, clusters=2).settings.clusters == 2
-    with pytest.raises(UnknownName, match="Did you mean 'clusters'"):
+    with pytest.raises(errors.UnknownName, match="Did you mean 'clusters'"):
         client.analyses.create(campaign.id, cluster=2)
 
 
 def test_variations_of_a_proof_are_a_list(client):
-    with pytest.raises(InvalidValue, match="variations"):
+    with pytest.raises(errors.InvalidValue, match="variations"):
         client.analyses.prove(1, {"distance_m": 60.0})
 
 
 def test_an_address_has_a_scheme():
-    with pytest.raises(InvalidValue, match="'8463' is not an address"):
+    with pytest.raises(errors.InvalidValue, match="'8463' is not an address"):
         Client(8463)
-    with pytest.raises(InvalidValue, match="'localhost' is not an address"):
+    with pytest.raises(errors.InvalidValue, match="'localhost' is not an address"):
         Client("localhost")
 
 
 def test_a_closed_client_says_so(client):
     client.close()
-    with pytest.raises(ServiceUnreachable, match="is closed"):
+    with pytest.raises(errors.ServiceUnreachable, match="is closed"):
         client.campaigns.get(1)
 
 
@@ -370,8 +362,8 @@ def test_a_priority_is_given_and_changed(client, fields):
     made = client.campaigns.create(**fields, priority="low")
     assert made.spec.priority is Priority.LOW
     assert client.campaigns.prioritise(made.id, "high").spec.priority is Priority.HIGH
-    with pytest.raises(InvalidValue, match="priority"):
+    with pytest.raises(errors.InvalidValue, match="priority"):
         client.campaigns.prioritise(made.id, "urgent")
     client.campaigns.cancel(made.id)
-    with pytest.raises(IllegalTransition, match="its priority cannot be changed"):
+    with pytest.raises(errors.IllegalTransition, match="its priority cannot be changed"):
         client.campaigns.prioritise(made.id, Priority.LOW)

@@ -2,13 +2,7 @@
 
 import pytest
 
-from eigenfail.gate.report import (
-    GateRun,
-    MemberReport,
-    _describe_false_alarms,
-    build_report,
-    list_conclusions,
-)
+from eigenfail.gate import report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
 from eigenfail.gate.verdicts import GateVerdict
 
@@ -44,23 +38,23 @@ def judged_by_rate(kind, failures, **fields):
     ],
 )
 def test_it_is_told_how_often_nothing_is_called_new(reruns, told):
-    assert told in _describe_false_alarms([judged_by_rate(*each) for each in reruns])
+    assert told in report._describe_false_alarms([judged_by_rate(*each) for each in reruns])
 
 
 def gate_with(kind, verdict):
     """What a gate says of a campaign with a new mode."""
     mode = GateFinding(verdict=GateVerdict.UNPROVEN, what="new mode 1")
     rerun = judged_by_rate(kind, 3, verdict=verdict, new_modes=(mode,))
-    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1")
-    return build_report(gate, [MemberReport(member="m", rerun=rerun)])
+    gate = report.GateRun(suite="s", version="v2", run="s @ v2", baseline="v1")
+    return report.build_report(gate, [report.MemberReport(member="m", rerun=rerun)])
 
 
 def test_a_new_mode_of_a_search_is_told_and_closes_nothing():
     found = gate_with(SEARCH, GateVerdict.STILL_FAILING)
     assert found.open
-    said = " ".join(list_conclusions(found))
+    said = " ".join(report.list_conclusions(found))
     assert "Reported, not judged: failure modes of searches that only v2 has: 1." in said
 
 
 def test_nothing_is_left_unjudged_where_failures_are_independent():
-    assert "not judged" not in " ".join(list_conclusions(gate_with(CHANCE, GateVerdict.NEW)))
+    assert "not judged" not in " ".join(report.list_conclusions(gate_with(CHANCE, GateVerdict.NEW)))

@@ -3,21 +3,15 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.gate.report import (
-    GateRun,
-    MemberReport,
-    build_report,
-    describe_conclusion,
-    to_junit,
-)
+from eigenfail.gate import report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
 from eigenfail.gate.verdicts import CLOSING, GateVerdict
 
 
 def gate_of(*verdicts, strict=False, problem=""):
     known = tuple(finding_of(each, problem) for each in verdicts)
-    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
-    return build_report(gate, [MemberReport(member="m", known=known)])
+    gate = report.GateRun(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
+    return report.build_report(gate, [report.MemberReport(member="m", known=known)])
 
 
 def finding_of(became, problem):
@@ -49,20 +43,20 @@ def gate_of_rerun(*, verdict=GateVerdict.SAFE, errored=0, unresolved=0):
     rerun = Rerun(
         before=before, now=now, hidden_errored=errored, hidden_unresolved=unresolved, **facts
     )
-    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1")
-    return build_report(gate, [MemberReport(member="m", rerun=rerun)])
+    gate = report.GateRun(suite="s", version="v2", run="s @ v2", baseline="v1")
+    return report.build_report(gate, [report.MemberReport(member="m", rerun=rerun)])
 
 
 def test_episodes_that_may_hide_a_failure_keep_a_gate_from_opening():
     errored = gate_of_rerun(errored=54)
     assert (errored.open, errored.in_trouble) == (False, True)
-    assert describe_conclusion(errored) == (
+    assert report.describe_conclusion(errored) == (
         "The gate of s @ v2 against v1 is inconclusive: 54 errored episodes of campaign 2 may hide "
         "a new failure."
     )
     unresolved = gate_of_rerun(unresolved=1)
-    assert "1 unresolved episode of campaign 2 may hide" in describe_conclusion(unresolved)
-    junit = to_junit(unresolved)
+    assert "1 unresolved episode of campaign 2 may hide" in report.describe_conclusion(unresolved)
+    junit = report.to_junit(unresolved)
     assert b'<error message="cannot be run" type="cannot be run">1 unresolved' in junit
     assert gate_of_rerun().open
 
@@ -78,5 +72,5 @@ def test_a_rerun_judged_as_a_whole_counts_once():
     base["method"] = "monte_carlo"
     whole = Rerun(**base, by=JudgedBy.RATE, counts={GateVerdict.NEW: 3})
     each = Rerun(**base, by=JudgedBy.EPISODE, counts={GateVerdict.NEW: 3, GateVerdict.FIXED: 1})
-    assert MemberReport(member="m", rerun=whole).count_verdicts() == {"new": 1}
-    assert MemberReport(member="m", rerun=each).count_verdicts() == {"new": 3, "fixed": 1}
+    assert report.MemberReport(member="m", rerun=whole).count_verdicts() == {"new": 1}
+    assert report.MemberReport(member="m", rerun=each).count_verdicts() == {"new": 3, "fixed": 1}

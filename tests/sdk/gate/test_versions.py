@@ -4,14 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import Conflict, InvalidValue
-from eigenfail.gate.baselines import (
-    MAY_DIFFER,
-    check_baseline,
-    find_counterpart,
-    find_run,
-    list_differences,
-    select_version,
-)
+from eigenfail.gate import baselines
 from eigenfail.suites import SuiteMember
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
@@ -45,33 +38,33 @@ OTHER = {
 
 
 def test_versions_are_runs_of_their_own(suite, campaign):
-    old, new = select_version(suite, "v1"), select_version(suite, "v2")
+    old, new = baselines.select_version(suite, "v1"), baselines.select_version(suite, "v2")
     assert new.name == "trio @ v2"
     assert new.members[0].spec.name == "trio @ v2: a"
     assert new.members[0].name == "a"
     assert new.members[0].spec.version == "v2"
-    assert list_differences(old.members[0].spec, new.members[0].spec) == ()
-    assert find_run(campaign(spec=old.members[0].spec), old.members[0]) == "trio @ v1"
+    assert baselines.list_differences(old.members[0].spec, new.members[0].spec) == ()
+    assert baselines.find_run(campaign(spec=old.members[0].spec), old.members[0]) == "trio @ v1"
 
 
 @pytest.mark.parametrize("field", CampaignSpec.__struct_fields__)
 def test_the_planner_may_differ_and_the_question_may_not(spec, suite, campaign, field):
     changed = campaign(spec=replace(spec, **{field: OTHER[field]}))
-    if field in MAY_DIFFER:
-        check_baseline(suite, {"a": changed}, "v1")
+    if field in baselines.MAY_DIFFER:
+        baselines.check_baseline(suite, {"a": changed}, "v1")
         return
     with pytest.raises(InvalidValue, match=rf"member 'a': {field} of campaign 1"):
-        check_baseline(suite, {"a": changed}, "v1")
+        baselines.check_baseline(suite, {"a": changed}, "v1")
 
 
 def test_a_baseline_must_be_there_and_done(suite, campaign):
-    check_baseline(suite, {"a": campaign(failures=1)}, "v1")
+    baselines.check_baseline(suite, {"a": campaign(failures=1)}, "v1")
     with pytest.raises(InvalidValue, match="'v1' contains no members of trio"):
-        check_baseline(suite, {}, "v1")
+        baselines.check_baseline(suite, {}, "v1")
     with pytest.raises(Conflict, match="Campaign 1 of the baseline is paused"):
-        check_baseline(suite, {"a": campaign(state=CampaignState.PAUSED)}, "v1")
+        baselines.check_baseline(suite, {"a": campaign(state=CampaignState.PAUSED)}, "v1")
     with pytest.raises(Conflict, match="completed no episode"):
-        check_baseline(suite, {"a": campaign(completed=0, errored=10)}, "v1")
+        baselines.check_baseline(suite, {"a": campaign(completed=0, errored=10)}, "v1")
 
 
 def test_campaigns_belong_to_members_by_name_or_else_by_question(spec, campaign):
@@ -79,11 +72,11 @@ def test_campaigns_belong_to_members_by_name_or_else_by_question(spec, campaign)
     by_name = campaign(3, spec=replace(spec, name="old: a", seed=5))
     alike = campaign(4, spec=replace(spec, name="anything", planner="rulebook"))
     unlike = campaign(5, spec=replace(spec, name="anything", seed=5))
-    assert find_counterpart(member, [unlike, alike, by_name]) == by_name
-    assert find_counterpart(member, [unlike, alike]) == alike
-    assert find_counterpart(member, [unlike]) is None
+    assert baselines.find_counterpart(member, [unlike, alike, by_name]) == by_name
+    assert baselines.find_counterpart(member, [unlike, alike]) == alike
+    assert baselines.find_counterpart(member, [unlike]) is None
     with pytest.raises(InvalidValue, match="campaigns 4, 6 could all be that of member 'a'"):
-        find_counterpart(member, [alike, campaign(6, spec=alike.spec)])
+        baselines.find_counterpart(member, [alike, campaign(6, spec=alike.spec)])
 
 
 @pytest.mark.parametrize(("number", "is_same"), [(7, True), (8, False)])
@@ -95,7 +88,7 @@ def test_a_member_that_builds_upon_another_asks_the_same_of_that_ones_baseline(
     asked = replace(upon.spec, settings={"campaign": number})
     found = {"a": campaign(7), "b": campaign(9, spec=asked)}
     if is_same:
-        check_baseline(both, found, "v1")
+        baselines.check_baseline(both, found, "v1")
         return
     with pytest.raises(InvalidValue, match="settings of campaign 9"):
-        check_baseline(both, found, "v1")
+        baselines.check_baseline(both, found, "v1")

@@ -5,18 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.explanations import find_moments
-from eigenfail.presentation.analyses import (
-    describe_diversity,
-    describe_findings,
-    describe_grouping,
-    describe_influence,
-    describe_proof,
-    format_moment,
-    tabulate_influence,
-    tabulate_modes,
-    tabulate_moments,
-    tabulate_sources,
-)
+from eigenfail.presentation import analyses
 from eigenfail.presentation.campaigns import (
     describe_comparison,
     tabulate_course,
@@ -108,7 +97,7 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
         notes=("An analyser's note.",),
         digest="abc",
     )
-    assert list(describe_findings(found)) == [
+    assert list(analyses.describe_findings(found)) == [
         "Failures are grouped by the principal components of their noise.",
         (
             "The noise of the 16 failures has a standard deviation of 0.420 sigma about its mean; "
@@ -137,27 +126,27 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
 
 
 def test_an_analysis_of_an_earlier_release_has_no_remarks_on_what_it_did_not_measure():
-    assert list(describe_diversity(analysis())) == []
-    grouped, *rest = describe_findings(analysis())
+    assert list(analyses.describe_diversity(analysis())) == []
+    grouped, *rest = analyses.describe_findings(analysis())
     assert grouped == "Failures are grouped by the principal components of their noise."
     assert rest[0] == "Mode 1 has no probability: It drifted."
 
 
 def test_what_failures_are_grouped_by_is_told():
-    assert describe_grouping(analysis(features="energy")) == (
+    assert analyses.describe_grouping(analysis(features="energy")) == (
         "the energy of their noise in windows of 0.5 s"
     )
     for origin, words in (("collision", "before the collision"), ("start", "from the start on")):
         behaviour = Behaviour(origin, NONE, NONE, NONE, ())
-        found = describe_grouping(analysis(features="behaviour", behaviour=behaviour))
+        found = analyses.describe_grouping(analysis(features="behaviour", behaviour=behaviour))
         assert found == f"the acceleration of the ego {words}"
 
 
 def test_no_influence_at_all_is_said_and_its_shares_are_dashes():
     nothing = share_of(2.0, 0.2, None, None, None)
     words = "Failures differ in no step of the last 2 s or before."
-    assert describe_influence(nothing, AXES) == words
-    table = tabulate_influence(analysis(before_collision=(nothing,)))
+    assert analyses.describe_influence(nothing, AXES) == words
+    table = analyses.tabulate_influence(analysis(before_collision=(nothing,)))
     assert texts(table) == [("Last 2 s", "20.0 %", "–", "–", "–")]
 
 
@@ -180,8 +169,8 @@ def test_tables_and_findings_have_the_names_of_the_channels(count):
         channels=channels,
         modes=(mode,),
     )
-    labels = [column.heading for column in tabulate_modes(1, found).columns]
-    (row,) = texts(tabulate_modes(1, found))
+    labels = [column.heading for column in analyses.tabulate_modes(1, found).columns]
+    (row,) = texts(analyses.tabulate_modes(1, found))
     if count > 3:  # columns of each channel would not fit beside each other
         assert labels[3:-1] == ["Strongest channel", "Peak"]
         assert row[3:-1] == (channels[-1], "−2.00 at step 4")
@@ -192,13 +181,15 @@ def test_tables_and_findings_have_the_names_of_the_channels(count):
         ]
         assert row[3 + count : -1] == ("0 at step 0",) * (count - 1) + ("−2.00 at step 4",)
     name = channels[-1].capitalize()
-    assert texts(tabulate_moments(found)) == [(name, "at step 4", "0.250")]
-    assert tabulate_moments(found).columns[0].title == "Channel"
-    titles = [column.title for column in tabulate_influence(found).columns]
+    assert texts(analyses.tabulate_moments(found)) == [(name, "at step 4", "0.250")]
+    assert analyses.tabulate_moments(found).columns[0].title == "Channel"
+    titles = [column.title for column in analyses.tabulate_influence(found).columns]
     assert titles == ["Time", "Of the time", *(each.capitalize() for each in channels), "All"]
     dashes = ("–",) * (count - 1)
-    assert texts(tabulate_influence(found)) == [("Last 1 s", "10.0 %", *dashes, "25.0 %", "50.0 %")]
-    told = list(describe_findings(found))
+    assert texts(analyses.tabulate_influence(found)) == [
+        ("Last 1 s", "10.0 %", *dashes, "25.0 %", "50.0 %")
+    ]
+    told = list(analyses.describe_findings(found))
     assert f"{name} noise differs most between failures at step 4." in told
     assert any(sentence.endswith(f"({channels[-1]} 25.0 %).") for sentence in told)
 
@@ -212,11 +203,11 @@ def test_moments_and_sources_are_tables():
             AnalysedCampaign(campaign=4, episodes=90, failures=1, running=True),
         ),
     )
-    assert format_moment(last) == "2.50 s before the collision"
-    assert texts(tabulate_moments(found)) == [
+    assert analyses.format_moment(last) == "2.50 s before the collision"
+    assert texts(analyses.tabulate_moments(found)) == [
         ("Longitudinal", "2.50 s before the collision", "0.250")
     ]
-    assert texts(tabulate_sources(found)) == [
+    assert texts(analyses.tabulate_sources(found)) == [
         ("3", "40", "1,200", "ended"),
         ("4", "1", "90", "running: a snapshot"),
     ]
@@ -374,7 +365,7 @@ def test_the_replays_and_the_course_of_a_function_have_no_metres():
         modes=(),
         scenarios=(),
     )
-    texts_of = [describe_proof(proof, unit=unit) for unit in ("m", "")]
+    texts_of = [analyses.describe_proof(proof, unit=unit) for unit in ("m", "")]
     headings = [[column.heading for column in table.columns] for table, *_ in texts_of]
     assert ["Robustness [m]" in each for each in headings] == [True, False]
     assert ["1/m²" in table.notes[0] for table, *_ in texts_of] == [True, False]

@@ -3,34 +3,27 @@
 import pytest
 
 from eigenfail.presentation.releases import compare_newest
-from eigenfail.values.release import (
-    ModeSighting,
-    ModeStatus,
-    Release,
-    ReleaseMode,
-    ReleaseQuestion,
-    ReleaseTable,
-)
+from eigenfail.values import release
 
-S = ModeStatus
+S = release.ModeStatus
 
 
 def make_table(courses, problems=None, versions=("v1", "v2", "v3")):
     """Modes as (failures, status) by version; a version with a problem has none."""
     problems = problems or {}
     modes = tuple(
-        ReleaseMode(
+        release.ReleaseMode(
             number=number,
             name=name,
             sightings=tuple(
-                ModeSighting(version=version, failures=failures, status=status)
+                release.ModeSighting(version=version, failures=failures, status=status)
                 for version, (failures, status) in zip(versions, course, strict=True)
             ),
         )
         for number, (name, course) in enumerate(courses.items(), start=1)
     )
     releases = tuple(
-        Release(
+        release.Release(
             version=each,
             campaigns=(1,),
             episodes=9,
@@ -41,8 +34,10 @@ def make_table(courses, problems=None, versions=("v1", "v2", "v3")):
         for each in versions
     )
     names = {"planner": "idm", "scenario": "cut_in", "requirements": "r", "method": "monte_carlo"}
-    question = ReleaseQuestion(campaign=1, versions=versions, campaigns=len(versions), **names)
-    return ReleaseTable(question=question, releases=releases, modes=modes)
+    question = release.ReleaseQuestion(
+        campaign=1, versions=versions, campaigns=len(versions), **names
+    )
+    return release.ReleaseTable(question=question, releases=releases, modes=modes)
 
 
 COURSES = {

@@ -3,13 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.presentation.seeds import (
-    NO_INTERVAL,
-    OPEN_ABOVE,
-    label_spread,
-    list_spread,
-    tabulate_spreads,
-)
+from eigenfail.presentation import seeds
 from eigenfail.presentation.tables import format_line
 from eigenfail.values.estimates import Cost, Interval
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
@@ -44,12 +38,12 @@ NOTHING = replace(
 
 def lines(spread):
     """The rows of its table, by their names."""
-    table = tabulate_spreads([spread])
+    table = seeds.tabulate_spreads([spread])
     return {row[0].line: [cell.line for cell in row[1:]] for row in table.cells}
 
 
 def test_a_row_of_means_stands_in_the_columns_of_results():
-    cells = [format_line(cell) for cell in list_spread(SPREAD)]
+    cells = [format_line(cell) for cell in seeds.list_spread(SPREAD)]
     assert cells == [
         "1,200",
         "600",
@@ -57,8 +51,8 @@ def test_a_row_of_means_stands_in_the_columns_of_results():
         *("–",) * 3,
         "0.00500 [0.00400, 0.00750]",
     ]
-    assert label_spread(SPREAD, is_only=True) == "mean over 3 seeds"
-    assert label_spread(SPREAD, is_only=False) == "alpha=5: mean over 3 seeds"
+    assert seeds.label_spread(SPREAD, is_only=True) == "mean over 3 seeds"
+    assert seeds.label_spread(SPREAD, is_only=False) == "alpha=5: mean over 3 seeds"
 
 
 def test_each_figure_has_its_spread_and_the_worst_seed_beside_the_median():
@@ -70,7 +64,7 @@ def test_each_figure_has_its_spread_and_the_worst_seed_beside_the_median():
 
 
 def test_the_share_is_told_in_the_same_words_everywhere():
-    share, note = tabulate_spreads([SPREAD]).notes
+    share, note = seeds.tabulate_spreads([SPREAD]).notes
     assert share == (
         "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: 50.0 % "
         "[25.0, 75.0]; median 50.0 %, fewest 40.0 %, with seed 2."
@@ -79,7 +73,7 @@ def test_the_share_is_told_in_the_same_words_everywhere():
 
 
 def test_groups_are_told_apart():
-    table = tabulate_spreads([SPREAD, replace(SPREAD, name="alpha=9")])
+    table = seeds.tabulate_spreads([SPREAD, replace(SPREAD, name="alpha=9")])
     assert [column.title for column in table.columns[:2]] == ["Group", "Over seeds"]
     assert {row[0].value for row in table.cells} == {"alpha=5, 3 seeds", "alpha=9, 3 seeds"}
     assert table.notes[0].startswith("alpha=5: Share of episodes that failed")
@@ -92,12 +86,12 @@ def test_equal_values_are_said_to_be_equal():
     assert lines(spread)["Share of episodes that failed"][-1] == "–"
     assert (
         "50.0 % with each of 3 seeds. Equal values show no spread"
-        in (tabulate_spreads([spread]).notes[0])
+        in (seeds.tabulate_spreads([spread]).notes[0])
     )
 
 
 def test_without_a_failure_the_cost_is_a_bound():
-    found, notes = lines(NOTHING), tabulate_spreads([NOTHING]).notes
+    found, notes = lines(NOTHING), seeds.tabulate_spreads([NOTHING]).notes
     assert found["Cost per failure, total ÷ all [USD]"][0] == "≥ 0.00100"
     assert found["Episodes to the first failure"][3:] == ["–", "none in 400 episodes", "1 (latest)"]
     assert "No seed found a failure: the cost per failure is a lower bound (95 %)." in notes
@@ -107,14 +101,14 @@ def test_without_a_failure_the_cost_is_a_bound():
 @pytest.mark.parametrize(
     ("cost", "cell", "note"),
     [
-        (Cost(3.0, 2.0, 0.005, None, 0.001), "0.00500 [0.00100, ∞)", OPEN_ABOVE),
-        (Cost(3.0, 2.0, 0.005, None, None), "0.00500", NO_INTERVAL),
+        (Cost(3.0, 2.0, 0.005, None, 0.001), "0.00500 [0.00100, ∞)", seeds.OPEN_ABOVE),
+        (Cost(3.0, 2.0, 0.005, None, None), "0.00500", seeds.NO_INTERVAL),
     ],
 )
 def test_what_is_missing_of_the_interval_of_the_cost_is_said(cost, cell, note):
     spread = replace(SPREAD, cost=cost)
     assert lines(spread)["Cost per failure, total ÷ all [USD]"][0] == cell
-    assert note in tabulate_spreads([spread]).notes
+    assert note in seeds.tabulate_spreads([spread]).notes
 
 
 def test_seeds_without_a_failure_are_counted_in_words():
@@ -124,4 +118,4 @@ def test_seeds_without_a_failure_are_counted_in_words():
     assert (
         "Seeds without a failure, 1 of 3, count in the share, in the first failure and in the cost "
         "per failure; log p and severity are of the other 2."
-    ) in tabulate_spreads([found]).notes
+    ) in seeds.tabulate_spreads([found]).notes

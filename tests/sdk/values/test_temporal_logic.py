@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InputError, InvalidValue
-from eigenfail.values.temporal_logic import (
-    check_formula,
-    evaluate_formula,
-    list_names,
-    parse_formula,
-)
+from eigenfail.values import temporal_logic
 
 Values = list[float | None]
 Trace = dict[str, list[float]]
@@ -151,7 +146,7 @@ def test_it_is_the_robustness_of_the_definition() -> None:
         steps = generator.randrange(1, 12)
         trace = {name: [generator.uniform(-3, 3) for _ in range(steps)] for name in KNOWN}
         signals = {name: np.array(each) for name, each in trace.items()}
-        found = evaluate_formula(text, DT_S, signals)
+        found = temporal_logic.evaluate_formula(text, DT_S, signals)
         expected = values(trace)[0]
         unjudged += expected is None
         if expected is None:
@@ -181,13 +176,13 @@ def test_it_is_the_robustness_of_the_definition() -> None:
     ],
 )
 def test_window_without_steps_is_not_judged(formula, a, expected) -> None:
-    assert evaluate_formula(formula, DT_S, {"a": np.array(a)}) == expected
+    assert temporal_logic.evaluate_formula(formula, DT_S, {"a": np.array(a)}) == expected
 
 
 def test_a_formula_is_evaluated_anew_for_each_course() -> None:
     long, short = np.array([1.0, -2.0, 3.0]), np.array([0.5])
     for values in (long, short, long):
-        assert evaluate_formula("always(a > 0)", DT_S, {"a": values}) == values.min()
+        assert temporal_logic.evaluate_formula("always(a > 0)", DT_S, {"a": values}) == values.min()
 
 
 @pytest.mark.parametrize(
@@ -218,7 +213,7 @@ def test_a_formula_is_evaluated_anew_for_each_course() -> None:
 )
 def test_what_is_no_formula_is_refused(formula: str, words: str) -> None:
     with pytest.raises(InvalidValue, match=words):
-        check_formula(formula, KNOWN, DT_S, 10.0)
+        temporal_logic.check_formula(formula, KNOWN, DT_S, 10.0)
 
 
 @pytest.mark.parametrize(
@@ -238,22 +233,22 @@ def test_operators_bind_as_the_manual_says(formula: str, same: str) -> None:
     generator = np.random.default_rng(3)
     for _ in range(20):
         signals = {name: generator.normal(size=6) for name in ("a", "b")}
-        found = evaluate_formula(formula, DT_S, signals)
-        assert found == evaluate_formula(same, DT_S, signals)
+        found = temporal_logic.evaluate_formula(formula, DT_S, signals)
+        assert found == temporal_logic.evaluate_formula(same, DT_S, signals)
 
 
 def test_an_unknown_signal_is_named_with_the_near_one() -> None:
     with pytest.raises(InputError, match=r"Did you mean 'error\.c'"):
-        check_formula("error.d > 1", KNOWN, DT_S, 10.0)
+        temporal_logic.check_formula("error.d > 1", KNOWN, DT_S, 10.0)
 
 
 def test_sums_and_products_may_be_as_long_as_a_formula() -> None:
     signals = {"a": np.array([2.0])}
-    assert evaluate_formula("a" + "+a" * 490 + ">0", DT_S, signals) == 982.0
-    assert evaluate_formula("a" + "-a" * 490 + ">0", DT_S, signals) == -978.0
-    assert evaluate_formula("1" + "*a" * 30 + ">0", DT_S, signals) == 2.0**30
+    assert temporal_logic.evaluate_formula("a" + "+a" * 490 + ">0", DT_S, signals) == 982.0
+    assert temporal_logic.evaluate_formula("a" + "-a" * 490 + ">0", DT_S, signals) == -978.0
+    assert temporal_logic.evaluate_formula("1" + "*a" * 30 + ">0", DT_S, signals) == 2.0**30
 
 
 def test_the_names_are_those_of_its_signals() -> None:
-    found = parse_formula("always(not(a > 1) implies once[0:1](error.c < 2))")
-    assert list_names(found) == {"a", "error.c"}
+    found = temporal_logic.parse_formula("always(not(a > 1) implies once[0:1](error.c < 2))")
+    assert temporal_logic.list_names(found) == {"a", "error.c"}

@@ -12,15 +12,8 @@ from sklearn.metrics import adjusted_rand_score
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.arrays import Floats
 from eigenfail.values.records import FailureCourse, Failures
-from eigenfail_services.analysis import clusters
+from eigenfail_services.analysis import behaviour, clusters
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
-from eigenfail_services.analysis.behaviour import (
-    align_motion,
-    compute_energy,
-    describe_motion,
-    read_motion,
-    smooth_accelerations,
-)
 from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
 HORIZON, STEP_S, FAILURES = 80, 0.1, 90
@@ -65,7 +58,7 @@ class World:
         asked = replace(DEFAULT, **changes)
         courses = [(1, self.courses[index]) for index in order]
         return gather_failures([FailureBatch(1, failures)], HORIZON, asked)._replace(
-            motion=read_motion(courses, "collision")
+            motion=behaviour.read_motion(courses, "collision")
         )
 
 
@@ -139,9 +132,9 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
     gathered = gather_failures([batch], HORIZON, DEFAULT)
     window = min(HORIZON, round(4.5 / step_s))
     for origin, length in (("collision", window), ("start", HORIZON)):
-        motion = read_motion(courses, origin)
+        motion = behaviour.read_motion(courses, origin)
         assert motion is not None
-        aligned = align_motion(gathered, motion)
+        aligned = behaviour.align_motion(gathered, motion)
         assert aligned is not None
         assert aligned.shape == (len(lengths), length)
         for row, index in zip(aligned, gathered.episodes.tolist(), strict=True):
@@ -158,7 +151,7 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
 def test_acceleration_is_averaged_over_the_steps_around_each(steps, step_s, seed) -> None:
     given_ = np.random.default_rng(seed).standard_normal((3, steps)).astype(np.float32)
     half = {0.05: 14, 0.1: 7, 0.25: 2, 1.0: 0, 2.0: 0}[step_s]
-    for place, mean in enumerate(smooth_accelerations(given_, step_s).T):
+    for place, mean in enumerate(behaviour.smooth_accelerations(given_, step_s).T):
         near = given_[:, max(place - half, 0) : place + half + 1]
         assert mean == pytest.approx(near.mean(axis=1), abs=1e-5)
 
@@ -167,7 +160,7 @@ def test_acceleration_is_averaged_over_the_steps_around_each(steps, step_s, seed
 def test_the_moving_mean_is_about_as_long_as_it_says(step_s: float) -> None:
     impulse = np.zeros((1, 301), np.float32)
     impulse[0, 150] = 1.0
-    length_s = np.count_nonzero(smooth_accelerations(impulse, step_s) > 1e-6) * step_s
+    length_s = np.count_nonzero(behaviour.smooth_accelerations(impulse, step_s) > 1e-6) * step_s
     assert length_s == pytest.approx(1.5, abs=step_s + 1e-9)
 
 
@@ -185,7 +178,7 @@ def test_braking_that_begins_a_little_later_is_no_mode_of_its_own() -> None:
         noise.append(random.standard_normal((60, 2)).astype(np.float32))
     batch = FailureBatch(1, Failures(tuple(range(len(labels))), tuple(noise)))
     gathered = gather_failures([batch], 60, DEFAULT)
-    found = analyse(gathered._replace(motion=read_motion(courses, "collision")))
+    found = analyse(gathered._replace(motion=behaviour.read_motion(courses, "collision")))
     assert adjusted_rand_score(labels, found.labels) == 1.0
 
 
@@ -208,7 +201,7 @@ def test_failures_in_which_the_ego_did_the_same_are_a_single_group() -> None:
         (1, FailureCourse(index, STEP_S, each.astype(np.float32)))
         for index, each in enumerate(speeds)
     ]
-    found = analyse(world.gather()._replace(motion=read_motion(courses, "collision")))
+    found = analyse(world.gather()._replace(motion=behaviour.read_motion(courses, "collision")))
     assert (found.features, len(found.modes), found.distinct) == ("behaviour", 1, False)
 
 
@@ -227,7 +220,7 @@ def gather_courses(accelerations: list[Floats]) -> Aligned:
     ]
     batch = FailureBatch(1, Failures(tuple(range(len(noise))), noise))
     gathered = gather_failures([batch], 60, DEFAULT)
-    return gathered._replace(motion=read_motion(courses, "collision"))
+    return gathered._replace(motion=behaviour.read_motion(courses, "collision"))
 
 
 def brake(strength_mps2: float) -> Floats:
@@ -276,7 +269,7 @@ def test_without_the_motion_of_every_failure_they_are_grouped_by_energy(change: 
         "of two durations": [replace(first, dt_s=0.2)],
     }[change]
     courses = [(1, each) for each in (*other, *world.courses[1:])]
-    failures = world.gather()._replace(motion=read_motion(courses, "collision"))
+    failures = world.gather()._replace(motion=behaviour.read_motion(courses, "collision"))
     found = analyse(failures)
     assert (found.features, found.behaviour) == ("energy", None)
     # Without a duration of steps there are no windows either.
@@ -288,7 +281,7 @@ def test_energy_is_summed_over_windows_of_the_steps_of_a_failure(align: Any) -> 
     noise = tuple(np.full((steps, 2), value, np.float32) for steps, value in ((12, 2.0), (7, 3.0)))
     asked = replace(DEFAULT, align=align)
     gathered = gather_failures([FailureBatch(1, Failures((0, 1), noise))], 12, asked)
-    energy = compute_energy(gathered, STEP_S)[np.argsort(gathered.episodes)]
+    energy = behaviour.compute_energy(gathered, STEP_S)[np.argsort(gathered.episodes)]
     counts = {
         "start": ([5, 5, 2], [5, 2, 0]),
         "collision": ([2, 5, 5], [0, 2, 5]),
@@ -337,11 +330,11 @@ TIMES_S = np.arange(-44, 1) * STEP_S
 def test_behaviour_is_described_in_words(first, last, strength, words) -> None:
     accelerations = np.zeros((3, 45), np.float32)
     accelerations[:, first:last] = strength
-    assert describe_motion(accelerations, TIMES_S, STEP_S, "collision") == words
+    assert behaviour.describe_motion(accelerations, TIMES_S, STEP_S, "collision") == words
 
 
 def test_times_count_from_the_start_where_failures_need_not_end_in_a_collision() -> None:
     accelerations = np.zeros((1, 50), np.float32)
     accelerations[0, 20:30] = -3.0
-    words = describe_motion(accelerations, np.arange(1, 51) * STEP_S, STEP_S, "start")
+    words = behaviour.describe_motion(accelerations, np.arange(1, 51) * STEP_S, STEP_S, "start")
     assert words == "The ego brakes at up to 3.0 m/s² from 2.0 to 3.0 s after the start."

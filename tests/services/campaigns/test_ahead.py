@@ -8,15 +8,6 @@ from eigenfail.testing.examples import collision, result
 from eigenfail_services.campaigns import costs
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.summary import find_safety, find_worker_shares
-from eigenfail_services.store import open_store
-
-
-@pytest.fixture
-def store():
-    """A store of its own."""
-    opened = open_store("memory://")
-    yield opened
-    opened.close()
 
 
 def test_side_by_side_is_what_each_tells_alone(store) -> None:

@@ -65,13 +65,6 @@ def few_draws(monkeypatch) -> None:
     monkeypatch.setattr(clusters, "NOISE_DRAWS", 2)
 
 
-@pytest.fixture
-def store():
-    made = open_store("memory://")
-    yield made
-    made.close()
-
-
 def campaign(store: Store, *failures: int, **changes) -> int:
     """A campaign that runs, with failures at these indices and one episode that was safe."""
     made = running(store, episodes=60, **changes)

@@ -1,19 +1,13 @@
 """How long an episode without a collision lasts, as a campaign keeps it."""
 
-import pytest
 from msgspec.structs import replace
 
 from eigenfail import functions
 from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store import Store
 
 SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=10)
-
-
-@pytest.fixture
-def store() -> Store:
-    return open_store("memory://")
 
 
 def test_form_is_that_of_the_scenario(store: Store) -> None:

@@ -11,30 +11,15 @@ from store_checks.examples import deliver, name_channels, result_of
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.testing.examples import analysis_result
+from eigenfail.values import episode
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignState, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-    episode_seed,
-    learner_seed,
-    unrunnable,
-)
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Start, encode, read_learner_command
+from eigenfail_services.campaigns import references
 from eigenfail_services.campaigns import references as context_module
-from eigenfail_services.campaigns.references import (
-    CompletedEpisode,
-    check_references,
-    choose_episodes,
-    learner_context,
-    leave_out_births,
-    read_experience,
-)
 from eigenfail_services.campaigns.rounds import run_in_process
 from eigenfail_services.hub.learner_process import create_rounds
 from eigenfail_services.store import open_store
@@ -53,11 +38,11 @@ class House:
         spec = CampaignSpec(
             **{"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
         )
-        check_references(resolve_campaign(spec), self.store)
+        references.check_references(resolve_campaign(spec), self.store)
         return self.store.campaigns.create(spec).id
 
     def context(self, campaign: int):
-        return learner_context(self.store.campaigns.get(campaign), self.store)
+        return references.learner_context(self.store.campaigns.get(campaign), self.store)
 
     def forget_form(self, campaign: int):
         """The campaign as it is where its scenario was not installed when it was created."""
@@ -156,7 +141,7 @@ def test_a_predecessor_is_what_its_campaign_was_and_knew(memory: House) -> None:
     context = memory.context(memory.create(method="evaluate", settings={"campaign": trained}))
     (before,) = context.predecessors
     assert (before.campaign, before.method, before.settings) == (trained, "cem", CEM["settings"])
-    assert (before.seed, before.episodes, before.horizon) == (learner_seed(9), 40, 100)
+    assert (before.seed, before.episodes, before.horizon) == (episode.learner_seed(9), 40, 100)
     assert before.state == memory.begun(trained)._learner.state()
     assert len(context.trajectories) == 0
 
@@ -224,7 +209,7 @@ def test_a_warm_start_wants_a_policy(memory: House) -> None:
     ):
         spec = CampaignSpec(name="t", method=method, settings=settings, episodes=30)
         with pytest.raises(InvalidValue, match=r"one of cem and has no policy") as refused:
-            check_references(resolve_campaign(spec), memory.store)
+            references.check_references(resolve_campaign(spec), memory.store)
         assert refused.value.field == field
 
 
@@ -245,8 +230,8 @@ def data(numbers, **fields) -> CampaignSpec:
 
 def experience_of(spec: CampaignSpec, store):
     found = resolve_campaign(spec)
-    check_references(found, store)
-    return read_experience(found.searching, found.form, store)
+    references.check_references(found, store)
+    return references.read_experience(found.searching, found.form, store)
 
 
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:
@@ -290,7 +275,7 @@ def ended(store, channels: int, **fields) -> int:
     spec = CampaignSpec(name="t", method="monte_carlo", episodes=2, **name_channels(channels))
     made = store.campaigns.create(msgspec.structs.replace(spec, **fields))
     store.campaigns.move(made.id, CampaignState.RUNNING)
-    failure = result_of(channels, 1, outcome=Outcome.COLLISION)
+    failure = result_of(channels, 1, outcome=episode.Outcome.COLLISION)
     deliver(store, made, result_of(channels), failure)
     store.campaigns.move(made.id, CampaignState.DONE)
     return made.id
@@ -343,18 +328,18 @@ def test_what_other_channels_taught_is_refused(
     spec = on_noise(3, method, **{name: refer(memory.store, before)})
     words = rf"campaign {before} has another number of channels: {there} there, 3 here"
     with pytest.raises(InvalidValue, match=words) as refused:
-        check_references(resolve_campaign(spec), memory.store)
+        references.check_references(resolve_campaign(spec), memory.store)
     assert refused.value.field == f"settings.{name}"
 
 
 def test_an_even_sample_is_even() -> None:
-    lived = [CompletedEpisode(float(place), 1, place) for place in range(1000)]
-    kept = [one.index for one in choose_episodes(lived, 20)]
+    lived = [references.CompletedEpisode(float(place), 1, place) for place in range(1000)]
+    kept = [one.index for one in references.choose_episodes(lived, 20)]
     assert kept[:10] == list(range(10))
     assert kept[10] == 10
     assert kept[-1] == 999
     assert np.ptp(np.diff(kept[10:])) <= 1
-    assert choose_episodes(lived[:20], 20) == lived[:20]
+    assert references.choose_episodes(lived[:20], 20) == lived[:20]
 
 
 def test_long_trajectories_are_fewer(memory: House, monkeypatch) -> None:
@@ -363,8 +348,8 @@ def test_long_trajectories_are_fewer(memory: House, monkeypatch) -> None:
 
 
 def faulty(index: int):
-    task = EpisodeTask(index, episode_seed(0, index), PriorSource())
-    result = unrunnable(task, EpisodeFault("planner", "test"))
+    task = episode.EpisodeTask(index, episode.episode_seed(0, index), episode.PriorSource())
+    result = episode.unrunnable(task, episode.EpisodeFault("planner", "test"))
     return msgspec.structs.replace(result, measures=Measures(0.5))
 
 
@@ -378,24 +363,29 @@ def test_episodes_that_could_not_be_run_teach_nothing(memory: House) -> None:
         assert not memory.store.campaigns.get(campaign).counts.open
     assert len(experience_of(data([mixed]), memory.store).z) == 1
     with pytest.raises(InvalidValue, match=f"campaign {broken} has not completed a single"):
-        check_references(resolve_campaign(data([mixed, broken])), memory.store)
+        references.check_references(resolve_campaign(data([mixed, broken])), memory.store)
 
 
 def test_data_of_other_episodes_or_of_too_many_is_refused(memory: House, monkeypatch) -> None:
     campaign = memory.run(episodes=6)
     with pytest.raises(InvalidValue, match="have 100 steps, here they have 200") as refused:
-        check_references(resolve_campaign(data([campaign], scenario="merge_in")), memory.store)
+        references.check_references(
+            resolve_campaign(data([campaign], scenario="merge_in")), memory.store
+        )
     assert refused.value.field == "settings.data_from"
     monkeypatch.setattr(context_module, "MOST_READ", 5)
     with pytest.raises(InvalidValue, match="6 episodes are more than the 5"):
-        check_references(resolve_campaign(data([campaign])), memory.store)
+        references.check_references(resolve_campaign(data([campaign])), memory.store)
 
 
 def test_what_matters_at_birth_alone_is_left_out_of_what_is_handed_on() -> None:
     ast = {"warm_start": 3, "tau": 0.1}
-    assert leave_out_births("ast", ast) == {"tau": 0.1}
+    assert references.leave_out_births("ast", ast) == {"tau": 0.1}
     ensemble = {"method": "ast", "members": 2, "settings": ast}
-    assert leave_out_births("ensemble", ensemble) == {**ensemble, "settings": {"tau": 0.1}}
+    assert references.leave_out_births("ensemble", ensemble) == {
+        **ensemble,
+        "settings": {"tau": 0.1},
+    }
 
 
 def test_what_searches_in_an_ensemble_are_its_members() -> None:
@@ -422,4 +412,4 @@ def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:
 def test_a_learner_without_a_known_length_of_episodes_is_refused(house):
     unknown = house.forget_form(house.create(**CEM))
     with pytest.raises(InvalidValue, match="length of its episodes was not known"):
-        learner_context(unknown, house.store)
+        references.learner_context(unknown, house.store)

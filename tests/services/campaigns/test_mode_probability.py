@@ -32,7 +32,7 @@ from eigenfail_services.statistics.subset_simulation import (
     SubsetSettings,
     SubsetSimulation,
 )
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store import Store
 
 HIGH, LOW = 3.0, 3.4
 
@@ -99,13 +99,6 @@ def test_before_the_runs_have_ended_there_is_none() -> None:
     values, mode_of = simulated(4000, 1)
     assert estimate_modes(simulation(4000, 1), values[:-1], mode_of, 2) is None
     assert estimate_modes(simulation(4000, 1), [], {}, 2) is None
-
-
-@pytest.fixture
-def store():
-    made = open_store("memory://")
-    yield made
-    made.close()
 
 
 def ran(store: Store, method: str, episodes: int, **settings: Any) -> tuple[Campaign, Any]:

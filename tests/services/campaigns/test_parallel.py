@@ -12,17 +12,8 @@ from parallel_rounds import CORRIDOR, describe, make_rounds, play, run
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method
 from eigenfail.testing.learner import ToyEngine
+from eigenfail.values import learning
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
-from eigenfail.values.learning import (
-    IN_FLIGHT,
-    MOST_OPEN_ROUNDS,
-    OPEN_GROUPS,
-    STATE,
-    Layer,
-    Policy,
-    choose_group_size,
-    count_rounds_ahead,
-)
 from eigenfail_services.campaigns.validation import check_spec, find_pace
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.ensemble import Ensemble
@@ -42,15 +33,15 @@ def make_spec(**changes) -> CampaignSpec:
 
 @given(st.integers(1, 100_000), st.integers(1, 10_000), st.integers(0, 4))
 def test_the_open_rounds_hold_what_is_to_run_and_not_a_round_more(parallel, size, least) -> None:
-    ahead = count_rounds_ahead(parallel, size, least)
+    ahead = learning.count_rounds_ahead(parallel, size, least)
     assert ahead >= least
-    assert (ahead + 1) * size >= IN_FLIGHT * parallel
-    assert ahead == least or ahead * size < IN_FLIGHT * parallel
+    assert (ahead + 1) * size >= learning.IN_FLIGHT * parallel
+    assert ahead == least or ahead * size < learning.IN_FLIGHT * parallel
 
 
 @given(st.integers(1, 10_000), st.integers(0, 4))
 def test_without_a_number_the_method_decides(size, least) -> None:
-    assert count_rounds_ahead(None, size, least) == least
+    assert learning.count_rounds_ahead(None, size, least) == least
 
 
 @pytest.mark.parametrize("parallel", [None, 1, 40, 150])
@@ -70,7 +61,7 @@ def test_monte_carlo_has_the_same_episodes_whatever_runs_in_parallel(parallel) -
 def test_policies_learn_from_older_rounds_and_keep_the_workers_busy(method, settings) -> None:
     rounds = make_rounds(method, 16, **settings)
     opened = rounds.open()
-    assert sum(len(one.tasks) for one in opened) == ceil(IN_FLIGHT * 16 / 4) * 4
+    assert sum(len(one.tasks) for one in opened) == ceil(learning.IN_FLIGHT * 16 / 4) * 4
     assert run(make_rounds(method, 16, **settings)) == run(make_rounds(method, 16, **settings))
     assert run(make_rounds(method, 16, **settings)) != run(make_rounds(method, None, **settings))
 
@@ -84,7 +75,7 @@ def test_groups_hold_every_chain_once_and_are_even(chains, parallel) -> None:
     if parallel is None:
         assert len(groups) == 1
     else:
-        assert max(sizes) <= choose_group_size(parallel)
+        assert max(sizes) <= learning.choose_group_size(parallel)
         assert min(sizes) >= 1
         assert len(groups) >= min(chains, 2)
 
@@ -131,7 +122,7 @@ def test_as_many_episodes_are_open_as_parallel_takes_until_a_level_ends() -> Non
     while now := rounds.open():
         opened.append(sum(len(one.tasks) for one in now))
         rounds.complete(list(engine.run(now[0].tasks)))
-    assert max(opened) == OPEN_GROUPS * choose_group_size(10)
+    assert max(opened) == learning.OPEN_GROUPS * learning.choose_group_size(10)
     assert np.mean(np.array(opened) >= 10) > 0.9
 
 
@@ -199,14 +190,14 @@ def test_too_many_rounds_are_refused_with_a_size_that_is_enough() -> None:
     with pytest.raises(InvalidValue, match=r"1500 episodes are open .* 64 rounds of 10 .*to 24"):
         check_spec(make_spec(method="ast", parallel=1000))
     enough = make_spec(method="ast", parallel=1000, settings={"round_size": 24})
-    assert find_pace(check_spec(enough)).ahead < MOST_OPEN_ROUNDS
+    assert find_pace(check_spec(enough)).ahead < learning.MOST_OPEN_ROUNDS
 
 
 def test_an_open_version_is_never_dropped_however_late_an_episode_is_run_anew() -> None:
-    layer = Layer(np.zeros((2, len(STATE)), np.float32), np.zeros(2, np.float32))
-    policies: dict[int, Policy] = {}
+    layer = learning.Layer(np.zeros((2, len(learning.STATE)), np.float32), np.zeros(2, np.float32))
+    policies: dict[int, learning.Policy] = {}
     for newest in range(300):
-        store_policy(policies, Policy(newest, (), layer, layer, 3.0, 5))
-        oldest = max(newest - MOST_OPEN_ROUNDS + 1, 0)
-        store_policy(policies, Policy(oldest, (), layer, layer, 3.0, 5))
+        store_policy(policies, learning.Policy(newest, (), layer, layer, 3.0, 5))
+        oldest = max(newest - learning.MOST_OPEN_ROUNDS + 1, 0)
+        store_policy(policies, learning.Policy(oldest, (), layer, layer, 3.0, 5))
         assert policies.keys() >= set(range(oldest, newest + 1))

@@ -8,14 +8,8 @@ from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values.analysis import FEWEST_OF_MODE, AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.campaign import Overhead
 from eigenfail_services.campaigns.costs import find_spending
-from eigenfail_services.store import open_store
 
 CRASHES = (1, 4, 6, 8)
-
-
-@pytest.fixture
-def store():
-    return open_store("memory://")
 
 
 @pytest.fixture

@@ -6,14 +6,6 @@ from store_checks.examples import deliver, running
 from eigenfail.errors import NotFound
 from eigenfail.testing.examples import collision, result, spec
 from eigenfail_services.comparison.seeds import make_suite_table
-from eigenfail_services.store import open_store
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 def settings(table):

@@ -29,15 +29,10 @@ from eigenfail_services.comparison.comparability import (
 )
 from eigenfail_services.comparison.sides import compare
 from eigenfail_services.statistics.intervals import clopper_pearson, rate
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store import Store
 
 EPISODES = 50
 CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority", "project", "tags"}
-
-
-@pytest.fixture
-def store() -> Store:
-    return open_store("memory://")
 
 
 def spec(**changes: Any) -> CampaignSpec:

@@ -18,7 +18,6 @@ from eigenfail_services.comparison.releases import (
     make_release_table,
 )
 from eigenfail_services.statistics.intervals import confidence_sequence
-from eigenfail_services.store import open_store
 
 FIRST, STILL, GONE, BACK, OPEN = (
     ModeStatus.FIRST_SEEN,
@@ -27,13 +26,6 @@ FIRST, STILL, GONE, BACK, OPEN = (
     ModeStatus.REGRESSED,
     ModeStatus.UNDECIDED,
 )
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 def statuses(table):

@@ -1,7 +1,5 @@
 """Campaigns over seeds: who is grouped, and what is said of them."""
 
-from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 
 import pytest
@@ -18,17 +16,11 @@ from eigenfail_services.comparison.seeds import OF_THE_SEARCH, find_spreads, mak
 from eigenfail_services.comparison.sides import group_by_seed
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store import Store
 
 SEARCH = "cem"
 LENGTH = 10
 ACTIVE_S = 3_600.0
-
-
-@pytest.fixture
-def store() -> Iterator[Store]:
-    with closing(open_store("memory://")) as opened:
-        yield opened
 
 
 def search(store: Store, seed: int, crashed: str, **changes: Any) -> Campaign:

@@ -1,21 +1,12 @@
 """The code of workers is recorded with the campaigns whose episodes they get."""
 
-import pytest
 from store_checks.examples import running
 
 from eigenfail.testing.examples import spec
 from eigenfail.versions import CODE, fingerprint_plugins, select_code
 from eigenfail_services.hub.commits import CodeRecorder
-from eigenfail_services.store import open_store
 
 OURS = {f"{CODE}eigenfail_workers": "a1", "numpy": "2.0", f"{CODE}other_package": "b1"}
-
-
-@pytest.fixture
-def store():
-    store = open_store("memory://")
-    yield store
-    store.close()
 
 
 def test_each_code_is_recorded_once_and_only_that_of_the_campaign(store):

@@ -9,17 +9,7 @@ import zmq
 from store_checks.examples import running
 
 from eigenfail.values.episode import EpisodeFault, EpisodeTask, unrunnable
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Ack,
-    Heartbeat,
-    Hello,
-    Lease,
-    Message,
-    Results,
-    encode,
-    read_hub_message,
-)
+from eigenfail.wire import messages
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.hub import commits
 from eigenfail_services.hub.runs import RunSpec
@@ -40,7 +30,7 @@ class Room:
         self.hub = Hub(self.store, "tcp://127.0.0.1:*")
         self.worker: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.worker.connect(self.hub.address)
-        self.worker.send(encode(Hello(PROTOCOL, "w", 64)))
+        self.worker.send(messages.encode(messages.Hello(messages.PROTOCOL, "w", 64)))
         campaign = running(self.store, episodes=EPISODES)
         self.campaign, spec = campaign.id, campaign.spec
         context = learner_context(campaign, self.store)
@@ -58,14 +48,14 @@ class Room:
         tasks: list[EpisodeTask] = []
         while len(tasks) < EPISODES:
             self.until(lambda: bool(self.worker.poll(5)))
-            message = read_hub_message(self.worker.recv())
-            tasks += message.tasks if isinstance(message, Lease) else ()
+            message = messages.read_hub_message(self.worker.recv())
+            tasks += message.tasks if isinstance(message, messages.Lease) else ()
         return tasks
 
     def bring(self, *tasks: EpisodeTask) -> None:
         fault = EpisodeFault("input", "test")
         results = tuple(unrunnable(task, fault) for task in tasks)
-        self.worker.send(encode(Results(self.campaign, results)))
+        self.worker.send(messages.encode(messages.Results(self.campaign, results)))
 
     def finished(self) -> int:
         return self.store.campaigns.get(self.campaign).counts.errored
@@ -98,15 +88,15 @@ def test_the_hub_hears_its_workers_while_a_transaction_is_committed(
 ) -> None:
     tasks = room.leased()
     whole = room.store.episodes.commit
-    heard: list[Message] = []
+    heard: list[messages.Message] = []
 
     def commit(campaign, deliveries, meanwhile):
         def hear() -> None:
             if heard:
                 return
-            room.worker.send(encode(Heartbeat()))
+            room.worker.send(messages.encode(messages.Heartbeat()))
             room.until(lambda: bool(room.worker.poll(5)), meanwhile)
-            heard.append(read_hub_message(room.worker.recv()))
+            heard.append(messages.read_hub_message(room.worker.recv()))
 
         return whole(campaign, deliveries, hear)
 
@@ -114,9 +104,9 @@ def test_the_hub_hears_its_workers_while_a_transaction_is_committed(
     room.bring(*tasks)
     room.until(lambda: bool(heard))
     (answer,) = heard
-    assert isinstance(answer, Ack)
+    assert isinstance(answer, messages.Ack)
     assert answer.indices == ()
     assert room.finished() == EPISODES
-    acknowledged = read_hub_message(room.worker.recv())
-    assert isinstance(acknowledged, Ack)
+    acknowledged = messages.read_hub_message(room.worker.recv())
+    assert isinstance(acknowledged, messages.Ack)
     assert acknowledged.indices == tuple(task.index for task in tasks)

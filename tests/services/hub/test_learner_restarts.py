@@ -10,23 +10,18 @@ from eigenfail.values.episode import EpisodeTask, PolicySource, PriorSource, Tra
 from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.learning import Layer, Policy, Round
 from eigenfail.wire.messages import Diverged, Proposed, Trouble
-from eigenfail_services.hub.learner_link import (
-    FailureKind,
-    LearnerFailure,
-    LearnerRestarts,
-    check_numbers,
-    describe_exit,
-    describe_timeout,
-)
+from eigenfail_services.hub import learner_link
 from eigenfail_services.hub.metrics import Timeout
 
-DIED, HUNG = describe_exit(-9), describe_timeout(60.0)
-DIVERGED = LearnerFailure(FailureKind.DIVERGED, "It diverged.", "Lower learning_rate.")
+DIED, HUNG = learner_link.describe_exit(-9), learner_link.describe_timeout(60.0)
+DIVERGED = learner_link.LearnerFailure(
+    learner_link.FailureKind.DIVERGED, "It diverged.", "Lower learning_rate."
+)
 
 
-def ended_with(*losses: LearnerFailure) -> str:
+def ended_with(*losses: learner_link.LearnerFailure) -> str:
     """What the last one of some losses in a row ends a campaign with."""
-    counted = LearnerRestarts()
+    counted = learner_link.LearnerRestarts()
     for loss in losses[:-1]:
         assert counted.explain_end(loss) == ""
         counted.add(loss)
@@ -34,7 +29,7 @@ def ended_with(*losses: LearnerFailure) -> str:
 
 
 def test_the_next_life_waits_longer_with_each_loss_and_not_at_all_after_a_round() -> None:
-    restarts, pauses_s = LearnerRestarts(), []
+    restarts, pauses_s = learner_link.LearnerRestarts(), []
     for _ in range(4):
         pauses_s.append(restarts.pause_s)
         restarts.add(DIED)
@@ -61,7 +56,7 @@ def test_so_many_losses_in_a_row_end_a_campaign_with_the_last_ones_remedy(losses
 
 
 def test_a_round_learnt_in_between_makes_the_next_loss_the_first_again() -> None:
-    restarts = LearnerRestarts()
+    restarts = learner_link.LearnerRestarts()
     for _ in range(10):
         assert restarts.explain_end(DIVERGED) == ""
         restarts.add(DIVERGED)
@@ -109,7 +104,7 @@ ESTIMATE = Estimate(by="a toy", episodes=3, probability=0.5, interval=Interval(0
 
 def test_what_holds_numbers_alone_passes_and_so_does_all_else() -> None:
     for message in (proposed(), proposed(estimate=ESTIMATE), Proposed((), b""), Trouble("It is.")):
-        assert check_numbers(message) is message
+        assert learner_link.check_numbers(message) is message
 
 
 @pytest.mark.fault("NaN or infinity in a learner")
@@ -127,7 +122,7 @@ def test_what_holds_numbers_alone_passes_and_so_does_all_else() -> None:
     ],
 )
 def test_what_holds_another_is_of_a_learner_that_diverged(message, what) -> None:
-    told = check_numbers(message)
+    told = learner_link.check_numbers(message)
     assert isinstance(told, Diverged)
     assert what in told.problem
     assert "NaN or infinite" in told.problem

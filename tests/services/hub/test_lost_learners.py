@@ -24,15 +24,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome
 from eigenfail.values.measures import Measures
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Heartbeat,
-    Hello,
-    Lease,
-    Results,
-    encode,
-    read_hub_message,
-)
+from eigenfail.wire import messages
 from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
@@ -84,7 +76,7 @@ class House:
         self.worker.connect(self.hub.address)
         self._turns = count()
         self.hub.start()
-        self._say(Hello(PROTOCOL, "w", 64))
+        self._say(messages.Hello(messages.PROTOCOL, "w", 64))
 
     def create(self, **settings) -> int:
         """A campaign of five rounds."""
@@ -104,12 +96,12 @@ class House:
         """Whatever there is to do by now, or a little later."""
         self.supervisor.turn()
         if next(self._turns) % 50 == 0:
-            self._say(Heartbeat())
+            self._say(messages.Heartbeat())
         if self.worker.poll(20):
-            message = read_hub_message(self.worker.recv())
-            if isinstance(message, Lease):
+            message = messages.read_hub_message(self.worker.recv())
+            if isinstance(message, messages.Lease):
                 results = tuple(result(task) for task in message.tasks)
-                self._say(Results(message.campaign, results))
+                self._say(messages.Results(message.campaign, results))
 
     def ended(self, campaign: int) -> Campaign:
         """The campaign, once it has come to its end."""
@@ -141,7 +133,7 @@ class House:
         self.store.close()
 
     def _say(self, message) -> None:
-        self.worker.send(encode(message))
+        self.worker.send(messages.encode(message))
 
 
 def result(task: EpisodeTask) -> EpisodeResult:

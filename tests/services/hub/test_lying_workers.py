@@ -10,16 +10,8 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.hub.metrics import TimeAccounting
-from eigenfail_services.store import open_store
 
 LIES = (1e308, -1e308, -1.0, inf, -inf, nan, 8 * 86_400.0)
-
-
-@pytest.fixture
-def store():
-    opened = open_store("memory://")
-    yield opened
-    opened.close()
 
 
 @pytest.fixture

@@ -8,15 +8,9 @@ import pytest
 from store_checks.examples import name_channels, result_of
 
 from eigenfail.errors import StoreUnavailable
+from eigenfail.values import episode
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeTask,
-    PriorSource,
-    unrunnable,
-)
 from eigenfail.values.learning import STATE, Round
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello
@@ -25,7 +19,7 @@ from eigenfail_services.hub.open_rounds import MAX_REFUSALS, OpenRounds
 from eigenfail_services.store import open_store
 from eigenfail_services.store.codec import find_noise_form
 
-TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(4))
+TASKS = tuple(episode.EpisodeTask(index, index, episode.PriorSource()) for index in range(4))
 ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
 
 
@@ -43,11 +37,11 @@ class Opened:
     def leased(self) -> list[int]:
         return sorted(task.index for each in self.leases.assign() for task in each.tasks)
 
-    def commit(self, *results: EpisodeResult) -> list[Verdict]:
+    def commit(self, *results: episode.EpisodeResult) -> list[Verdict]:
         deliveries = [Delivery(result, "w") for result in results]
         return self.store.episodes.commit(self.campaign, deliveries)
 
-    def deliver(self, result: EpisodeResult) -> None:
+    def deliver(self, result: episode.EpisodeResult) -> None:
         (verdict,) = self.commit(result)
         self.leases.complete(self.campaign, result.index, 0.1)
         self.rounds.take_verdict(result, verdict)
@@ -58,8 +52,8 @@ def opened() -> Opened:
     return Opened()
 
 
-def result(index: int, kind: str = "input") -> EpisodeResult:
-    return unrunnable(TASKS[index], EpisodeFault(kind, "test"))
+def result(index: int, kind: str = "input") -> episode.EpisodeResult:
+    return episode.unrunnable(TASKS[index], episode.EpisodeFault(kind, "test"))
 
 
 def test_what_has_a_result_is_not_asked_for(opened: Opened) -> None:

@@ -10,14 +10,8 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import StoreUnavailable
+from eigenfail.values import episode
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeTask,
-    PriorSource,
-    unrunnable,
-)
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Round
 from eigenfail.values.measures import Measures
@@ -33,7 +27,7 @@ from eigenfail_services.hub.runs import CampaignRun, RunEnd, RunSpec
 from eigenfail_services.store import open_store
 
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
-TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(2))
+TASKS = tuple(episode.EpisodeTask(index, index, episode.PriorSource()) for index in range(2))
 
 
 class PlayedLink:
@@ -107,7 +101,7 @@ class Stage:
             self.run.take_verdicts([JudgedResult(b"w", self.campaign, result, verdict)])
         return verdicts
 
-    def shown(self) -> tuple[EpisodeResult, ...]:
+    def shown(self) -> tuple[episode.EpisodeResult, ...]:
         """The round that the learner was shown."""
         (shown,) = (m for m in self.links[-1].said if isinstance(m, Observed))
         return shown.results
@@ -123,7 +117,7 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
 
 
 def result(index: int, kind: str = "input"):
-    return unrunnable(TASKS[index], EpisodeFault(kind, "test"))
+    return episode.unrunnable(TASKS[index], episode.EpisodeFault(kind, "test"))
 
 
 def propose(stage: Stage) -> None:

@@ -9,7 +9,7 @@ from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.commits import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store import Store
 
 TASKS = tuple(EpisodeTask(index, 100 + index, PriorSource()) for index in range(2))
 
@@ -34,11 +34,6 @@ class Hub:
     def leased(self) -> list[int]:
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 2), 0.0)
         return [task.index for a in self.leases.assign() for task in a.tasks]
-
-
-@pytest.fixture
-def store() -> Store:
-    return open_store("memory://")
 
 
 @pytest.fixture

@@ -6,15 +6,8 @@ import pytest
 from structlog.testing import capture_logs
 
 from eigenfail.bridges import MAX_OFFER_BYTES, BridgeOffer, OfferedPlanner, OfferedScenario
+from eigenfail.values import episode
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeTask,
-    PolicySource,
-    PriorSource,
-    Source,
-    unrunnable,
-)
 from eigenfail.values.learning import Layer, Policy
 from eigenfail.values.records import Verdict
 from eigenfail.versions import versions
@@ -49,7 +42,7 @@ SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
 LAYER = Layer(np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
 
 
-PRIOR = PriorSource()
+PRIOR = episode.PriorSource()
 
 
 class Spec(msgspec.Struct):
@@ -73,7 +66,9 @@ class Episodes:
 
 
 def done(index: int):
-    return unrunnable(EpisodeTask(index, 0, PriorSource()), EpisodeFault("input", "test"))
+    return episode.unrunnable(
+        episode.EpisodeTask(index, 0, episode.PriorSource()), episode.EpisodeFault("input", "test")
+    )
 
 
 class Room:
@@ -95,8 +90,8 @@ class Room:
     def join(self, worker: bytes, protocol: int = PROTOCOL, **more) -> None:
         self.sessions.handle(worker, encode(Hello(protocol, worker.decode(), 64, **more)))
 
-    def offer(self, *indices: int, source: Source = PRIOR, resumed: bool = False) -> None:
-        self.leases.offer(1, tuple(EpisodeTask(i, 0, source) for i in indices))
+    def offer(self, *indices: int, source: episode.Source = PRIOR, resumed: bool = False) -> None:
+        self.leases.offer(1, tuple(episode.EpisodeTask(i, 0, source) for i in indices))
         self.assign(resumed=resumed)
 
     def assign(self, *, resumed: bool = False) -> None:
@@ -194,9 +189,9 @@ def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
 def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
     room.join(b"a")
     room.said_to(b"a")
-    room.offer(0, source=PolicySource(4))
+    room.offer(0, source=episode.PolicySource(4))
     assert room.said_to(b"a") == [Setup, PolicyUpdate, Lease]
-    room.offer(1, source=PolicySource(4))
+    room.offer(1, source=episode.PolicySource(4))
     room.offer(2)
     assert set(room.said_to(b"a")) == {Lease}
 
@@ -337,9 +332,9 @@ def test_a_worker_that_stays_silent_is_given_up(clock) -> None:
     assert room.leases.sessions == {}
 
 
-def held(index: int, source: Source = PRIOR) -> Holding:
+def held(index: int, source: episode.Source = PRIOR) -> Holding:
     """What a worker says that has that task of campaign 1."""
-    return Holding(1, index, fingerprint_task(SPEC.setup(), EpisodeTask(index, 0, source)))
+    return Holding(1, index, fingerprint_task(SPEC.setup(), episode.EpisodeTask(index, 0, source)))
 
 
 def test_what_a_worker_holds_waits_for_its_round_and_stays_with_it(room: Room) -> None:
@@ -371,10 +366,10 @@ def test_it_is_free_again_when_it_is_no_longer_named(room: Room) -> None:
     outcome="The fingerprint of setup and task differs; the worker drops the campaign, and "
     "its episodes are leased again.",
 )
-@pytest.mark.parametrize("mine", [held(0, PolicySource(3)), held(1), Holding(1, 0, b"?")])
+@pytest.mark.parametrize("mine", [held(0, episode.PolicySource(3)), held(1), Holding(1, 0, b"?")])
 def test_who_holds_another_task_is_told_to_drop_it_and_sent_all_anew(room: Room, mine) -> None:
     room.join(b"a", holdings=(msgspec.structs.replace(mine, index=0),))
-    room.offer(0, source=PolicySource(4))
+    room.offer(0, source=episode.PolicySource(4))
     assert room.said_to(b"a") == [Welcome, Drop, Setup, PolicyUpdate, Lease]
 
 

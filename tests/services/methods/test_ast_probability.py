@@ -46,10 +46,11 @@ class TestWithAnEstimate(LearnerSuite):
     method = AdaptiveStressTesting
     # With one channel an action has at most 0.69 nat.
     settings = MappingProxyType(
-        {**SMALL, "round_size": 5, "buffer_size": 100, "target_entropy": 0.6}
+        {**SMALL, "round_size": 3, "buffer_size": 100, "target_entropy": 0.6, "warm_up": 6}
     )
-    budget = 60
-    rounds = 8
+    # Of eight rounds the last four count: two of these are played, and one follows.
+    budget = 24
+    rounds = 6
 
 
 @dataclass
@@ -106,27 +107,23 @@ def test_its_own_second_half_tells_a_probability_of_a_hundredth():
 
 
 @pytest.mark.parametrize(
-    ("problem", "amplitude", "target_entropy", "seed"),
-    [
-        (OneAxis(1e-3, steps=1), 4.0, 0.8, 3043),
-        (OneAxis(1e-3, steps=1), 5.0, 0.6, 3050),
-        (OneAxis(1e-2, steps=2), 3.5, 1.0, 3043),
-    ],
+    ("problem", "amplitude", "target_entropy", "episodes"),
+    [(OneAxis(1e-3, steps=1), 4.0, 0.8, 2000), (OneAxis(1e-2, steps=2), 3.5, 1.0, 4000)],
 )
-def test_an_evaluation_tells_it_from_one_fixed_policy(problem, amplitude, target_entropy, seed):
+def test_an_evaluation_tells_it_from_one_fixed_policy(problem, amplitude, target_entropy, episodes):
     steps, given = problem.steps, {**RANDOM, "amplitude": amplitude}
     given["target_entropy"] = target_entropy
-    learner = ast(600, steps, seed, **given)
-    run(learner, 600, problem.engine(), seed)
-    evaluate = evaluation(learner, 4000, 600, steps, seed, **given)
+    learner = ast(600, steps, **given)
+    run(learner, 600, problem.engine())
+    evaluate = evaluation(learner, episodes, 600, steps, 3043, **given)
     assert isinstance(evaluate, Estimator)
     assert evaluate.estimate() is None
-    run(evaluate, 4000, problem.engine(), seed)
+    run(evaluate, episodes, problem.engine())
     found = evaluate.estimate()
-    assert found.episodes == 4000
+    assert found.episodes == episodes
     around = log_normal(found.probability, found.cv)
     assert around.low < problem.within(amplitude) < around.high
-    assert found.cv < 0.1  # that of Monte Carlo with as many episodes: 0.5 at 1e-3
+    assert found.cv < 0.15  # that of Monte Carlo with as many episodes: 0.7 at 1e-3
 
 
 def test_failures_that_no_action_reaches_are_not_counted():
@@ -219,18 +216,25 @@ def test_every_round_is_weighed_by_the_policy_that_ran_it():
     assert sums.failures > 20
 
 
-@pytest.mark.parametrize("stop", [190, 210, 300])
-def test_a_campaign_that_was_restored_tells_the_same(stop):
-    learner, engine = ast(400, **SMALL), ToyEngine(CORRIDOR)
-    whole = ast(400, **SMALL)
-    run(whole, 400, ToyEngine(CORRIDOR))
-    rounds, done = Rounds(learner, 3043, 400), 0
+@pytest.fixture(scope="module")
+def whole():
+    """A learner that was never interrupted."""
+    learner = ast(240, **SMALL)
+    run(learner, 240, ToyEngine(CORRIDOR))
+    return learner
+
+
+@pytest.mark.parametrize("stop", [110, 130])
+def test_a_campaign_that_was_restored_tells_the_same(whole, stop):
+    """Interrupted before and within the half that counts."""
+    learner, engine = ast(240, **SMALL), ToyEngine(CORRIDOR)
+    rounds, done = Rounds(learner, 3043, 240), 0
     while (opened := rounds.open()) and done < stop:
         engine.add_policy(opened[0].policy)
         rounds.complete(list(engine.run(opened[0].tasks)))
         done += len(opened[0].tasks)
-    again = ast(400, **SMALL)
-    later = Rounds(again, 3043, 400)
+    again = ast(240, **SMALL)
+    later = Rounds(again, 3043, 240)
     later.restore(rounds.checkpoint())
     list(run_in_process(later, ToyEngine(CORRIDOR)))
     assert again.estimate() == whole.estimate()

@@ -15,7 +15,7 @@ from eigenfail_services.methods.ast.method import AdaptiveStressTesting, Attempt
 from eigenfail_workers.functions import FunctionEngine
 
 QUICK = {"warm_up": 20, "gradient_steps": 1, "batch_size": 8, "hidden": [8]}
-SAFE, EASY = Corridor(wall=100.0), Corridor(wall=0.0)
+SAFE, EASY = Corridor(steps=10, wall=100.0), Corridor(steps=10, wall=0.0)
 BARREN, SOME = (False,) * 100, (False,) * 95 + (True,) * 5
 
 

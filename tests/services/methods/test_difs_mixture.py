@@ -34,7 +34,7 @@ def test_a_known_mixture_is_sampled_with_its_shares_means_and_covariance(steps, 
     settings = DifsSettings(device="cpu", sampling_steps=steps)
     model = DiffusionModel(settings, HORIZON, 2, 0)
     model.mixture = Mixture(SHARES, MEANS)
-    z = model.sample(np.zeros(20_000, np.float32), guidance, draw=1).reshape(-1, 2 * HORIZON)
+    z = model.sample(np.zeros(8_000, np.float32), guidance, draw=1).reshape(-1, 2 * HORIZON)
     means = (1.0 + guidance) * MEANS
     centre = SHARES @ means
     apart = means - centre

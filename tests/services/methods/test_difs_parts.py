@@ -99,7 +99,7 @@ def test_two_modes_are_two_components_and_the_correction_learns_their_width():
     z = 0.3 * random.standard_normal((400, HORIZON, 2))
     z[:, :, 0] += np.where(random.random(400) < 0.5, -1.5, 1.5)[:, None]
     learner = model()
-    learner.train(examples(z), steps=800, draw=1)
+    learner.train(examples(z), steps=400, draw=1)
     side = learner.sample(np.zeros(1000, np.float32), guidance=0.0, draw=2)[..., 0].mean(axis=1)
     assert len(learner.mixture.shares) == 2
     assert float(learner._average.trust) > 0.8
@@ -112,7 +112,7 @@ def test_the_correction_depends_on_the_condition():
     condition = (np.arange(600) % 2).astype(np.float32)
     z = random.standard_normal((600, HORIZON, 2)) + np.where(condition, 0.25, -0.25)[:, None, None]
     learner = model()
-    learner.train(examples(z, condition), steps=400, draw=1)
+    learner.train(examples(z, condition), steps=250, draw=1)
     assert len(learner.mixture.shares) == 1
     low, high = (learner.sample(np.full(500, c, np.float32), 0.0, draw=2) for c in (0.0, 1.0))
     assert low.mean() == pytest.approx(-0.25, abs=0.08)
@@ -120,8 +120,8 @@ def test_the_correction_depends_on_the_condition():
 
 
 def test_accidents_of_few_trajectories_are_not_trusted():
-    horizon, random = 100, np.random.default_rng(0)
-    learner = model(horizon=horizon, width=64)
+    horizon, random = 50, np.random.default_rng(0)
+    learner = model(horizon=horizon, width=32)
     learner.train(examples(random.standard_normal((20, horizon, 2))), steps=300, draw=1)
     assert float(learner._average.trust) < 0.3
 
@@ -136,7 +136,7 @@ def test_a_push_at_any_time_is_learnt_by_weights_shared_over_time():
         return z
 
     learner = model(horizon=horizon)
-    learner.train(examples(pushes(200)), steps=600, draw=1)
+    learner.train(examples(pushes(200)), steps=350, draw=1)
     samples = learner.sample(np.zeros(500, np.float32), guidance=0.0, draw=2)
     assert float(learner._average.trust) > 0.7
     assert strongest_push(samples).mean() > 0.8 * strongest_push(pushes(500)).mean()

@@ -1,5 +1,6 @@
 """Evaluation: what was learnt is used as it is, from draws of its own, wherever it fits."""
 
+from functools import cache
 from types import MappingProxyType
 
 import msgspec
@@ -57,36 +58,49 @@ def noise(results):
     return [result.noise.z for result in results]
 
 
+KNOWN = {"cem": ({"batch": 5}, 20), "ast": (AST, 20), "difs": (DIFS, 20), "ensemble": (OF_CEM, 40)}
+
+
+@cache
+def known(method, corridor):
+    """What a short campaign has learnt, which each learner of a suite is born with."""
+    settings, episodes = KNOWN[method]
+    return trained(method, settings, episodes, corridor)[0]
+
+
 class EvaluateSuite(LearnerSuite):
     method = Evaluate
     settings = MappingProxyType({"campaign": 3, "round_size": 6})
+    before: str
 
     def context(self, seed, corridor):
-        return context(self.budget, corridor, seed, predecessors=(self.before(corridor),))
+        return context(self.budget, corridor, seed, predecessors=(known(self.before, corridor),))
 
 
 class TestEvaluateOfCem(EvaluateSuite):
-    def before(self, corridor):
-        return trained("cem", {"batch": 5}, 20, corridor)[0]
+    before = "cem"
 
 
 class TestEvaluateOfAst(EvaluateSuite):
-    def before(self, corridor):
-        return trained("ast", AST, 20, corridor)[0]
+    before = "ast"
 
 
 class TestEvaluateOfDifs(EvaluateSuite):
-    def before(self, corridor):
-        return trained("difs", DIFS, 20, corridor)[0]
+    before = "difs"
 
 
 class TestEvaluateOfAnEnsemble(EvaluateSuite):
-    def before(self, corridor):
-        return trained("ensemble", OF_CEM, 40, corridor)[0]
+    before = "ensemble"
 
 
-def test_fails_as_often_as_training_did_in_the_end_and_learns_no_further():
-    before, results = trained()
+@pytest.fixture(scope="module")
+def of_cem():
+    """What a campaign of 400 episodes has learnt, and its results."""
+    return trained()
+
+
+def test_fails_as_often_as_training_did_in_the_end_and_learns_no_further(of_cem):
+    before, results = of_cem
     found = evaluated(before, 300)
     assert len(found) == 300
     assert rate(results[:40]) < 0.1
@@ -94,8 +108,8 @@ def test_fails_as_often_as_training_did_in_the_end_and_learns_no_further():
     assert abs(rate(found[:150]) - rate(found[150:])) < 0.15
 
 
-def test_every_episode_is_drawn_anew_and_by_the_evaluations_own_seed():
-    before, results = trained()
+def test_every_episode_is_drawn_anew_and_by_the_evaluations_own_seed(of_cem):
+    before, results = of_cem
     found, again, other = (evaluated(before, 60, seed=seed) for seed in (2, 2, 4))
     same_seed = evaluated(before, 60, seed=1)
     firsts = [{float(z[0, 0]) for z in noise(r)} for r in (results, found, other, same_seed)]
@@ -104,9 +118,9 @@ def test_every_episode_is_drawn_anew_and_by_the_evaluations_own_seed():
     np.testing.assert_equal(noise(found), noise(again))
 
 
-def test_the_same_draws_are_made_in_another_world():
+def test_the_same_draws_are_made_in_another_world(of_cem):
     """A wall nearer by is hit by the same noise, earlier."""
-    before, _ = trained()
+    before, _ = of_cem
     here, near = evaluated(before), evaluated(before, corridor=Corridor(wall=0.5))
     assert rate(near) > rate(here)
     for a, b in zip(noise(here), noise(near), strict=True):

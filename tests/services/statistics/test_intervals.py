@@ -136,10 +136,10 @@ def test_the_exact_interval_gives_the_published_figures(k, n, low, high) -> None
 
 @pytest.mark.parametrize(("p", "rounds"), [(0.3, 1), (0.3, 10), (0.05, 1), (0.05, 10)])
 def test_a_confidence_sequence_holds_at_all_looks_at_once(p: float, rounds: int) -> None:
-    outcomes = np.random.default_rng(18).random((2000, 600)) < p
+    outcomes = np.random.default_rng(18).random((2000, 300)) < p
     counts = outcomes.cumsum(axis=1)[:, rounds - 1 :: rounds]
     held = np.ones(len(counts), bool)
-    for place, n in enumerate(range(rounds, 601, rounds)):
+    for place, n in enumerate(range(rounds, 301, rounds)):
         known = {k: confidence_sequence(k, n) for k in np.unique(counts[:, place]).tolist()}
         inside = {k: found.low <= p <= found.high for k, found in known.items()}
         held &= np.array([inside[k] for k in counts[:, place].tolist()])

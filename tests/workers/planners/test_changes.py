@@ -4,18 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eigenfail_workers.planners.rulebook import settings
 from eigenfail_workers.planners.rulebook.candidates import KNOTS
 from eigenfail_workers.planners.rulebook.changes import ChangePlanner
-from eigenfail_workers.planners.rulebook.settings import (
-    CandidateSettings,
-    ChangeSettings,
-    RequiredGap,
-    TruckLimits,
-)
 from eigenfail_workers.planners.rulebook.values import Gap, Neighbour, PlanStart, Task
 
-SETTINGS = ChangeSettings()
-PLANNER = ChangePlanner(SETTINGS, CandidateSettings(), TruckLimits())
+SETTINGS = settings.ChangeSettings()
+PLANNER = ChangePlanner(SETTINGS, settings.CandidateSettings(), settings.TruckLimits())
 START = PlanStart(20.0, 0.0, Task(20.0, 0.5))
 SPEEDS = st.floats(0.0, 40.0)
 
@@ -25,7 +20,7 @@ def at(gap_m, speed_mps=20.0):
 
 
 def test_what_is_owed_by_hand():
-    owed = RequiredGap(margin_m=5.0, headway_s=1.0, braking_mps2=1.5)
+    owed = settings.RequiredGap(margin_m=5.0, headway_s=1.0, braking_mps2=1.5)
     assert owed.gap_m(20.0, 20.0) == 25.0
     assert owed.gap_m(20.0, 23.0) == 25.0
     assert owed.gap_m(23.0, 20.0) == pytest.approx(5.0 + 23.0 + 9.0 / 3.0)

@@ -97,8 +97,8 @@ def test_nobody_drives_beside_the_rulebook_in_the_default_merge(merge):
 @pytest.mark.parametrize("scenario", ["cut_in", "lead_brake", "merge_in"])
 def test_noise_moves_the_robustness_of_the_rulebook(scenario):
     """A search that is guided by a constant has no guide."""
-    robustness = {r.measures.robustness_m for r in episodes("rulebook", 20, scenario)}
-    assert len(robustness) >= 10
+    robustness = {r.measures.robustness_m for r in episodes("rulebook", 10, scenario)}
+    assert len(robustness) >= 5
 
 
 @pytest.mark.parametrize("parameters", corners("merge_in"), ids=str)
@@ -170,7 +170,7 @@ def episodes(planner: str, count: int, scenario: str = "merge_in") -> list[Episo
 
 
 def test_with_noise_the_rulebook_merges_and_hits_nobody():
-    results = episodes("rulebook", 25)
+    results = episodes("rulebook", 15)
     assert not any(result.is_failure for result in results)
     assert np.mean([has_merged(result) for result in results]) >= 0.9
 

@@ -6,17 +6,12 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values.scene import Perception
-from eigenfail_workers.planners.idm import (
-    GapAcceptance,
-    GapAcceptanceSettings,
-    IntelligentDriver,
-    LaneEndPlan,
-)
+from eigenfail_workers.planners import idm
 
-SETTINGS = GapAcceptanceSettings(
+SETTINGS = idm.GapAcceptanceSettings(
     safe_deceleration_mps2=0.25, gap_behind_m=1.0, foresight_s=10.0, turning_room_m=40.0
 )
-OVER = LaneEndPlan(3.5, inf)
+OVER = idm.LaneEndPlan(3.5, inf)
 
 
 @pytest.fixture
@@ -35,7 +30,7 @@ def accept(ramp, truck, car):
     ego = structs.replace(truck, speed_mps=20.0)
 
     def run(*gaps_m, speed_mps=20.0, now=None, y_m=3.5):
-        acceptance = now or GapAcceptance(SETTINGS, ramp, keeps_pace)
+        acceptance = now or idm.GapAcceptance(SETTINGS, ramp, keeps_pace)
         cars = [car(gap + (10.5 if gap > 0 else -10.5), y_m) for gap in gaps_m]
         cars = [structs.replace(one, speed_mps=speed_mps) for one in cars]
         return acceptance(Perception(0.0, ego, tuple(cars), tuple(range(1, len(cars) + 1))))
@@ -43,7 +38,7 @@ def accept(ramp, truck, car):
     return run
 
 
-STAY = LaneEndPlan(0.0, 300.0 - 40.0 - 8.0)
+STAY = idm.LaneEndPlan(0.0, 300.0 - 40.0 - 8.0)
 
 
 def test_a_free_lane_is_taken(accept):
@@ -73,7 +68,7 @@ def test_who_will_fall_back_behind_its_lead_needs_the_more_room_behind(accept):
 
 
 def test_one_look_is_enough_and_it_is_not_taken_back(accept, ramp):
-    acceptance = GapAcceptance(SETTINGS, ramp, keeps_pace)
+    acceptance = idm.GapAcceptance(SETTINGS, ramp, keeps_pace)
     assert accept(30.0, now=acceptance) == STAY
     assert accept(60.0, now=acceptance) == OVER
     assert accept(-0.1, now=acceptance) == OVER
@@ -81,13 +76,13 @@ def test_one_look_is_enough_and_it_is_not_taken_back(accept, ramp):
 
 def test_in_a_lane_that_goes_on_there_is_nothing_to_do(mission, ramp, truck):
     seen = Perception(0.0, truck, (), ())
-    assert GapAcceptance(SETTINGS, mission, lambda *_: 0.0)(seen) is None
+    assert idm.GapAcceptance(SETTINGS, mission, lambda *_: 0.0)(seen) is None
     on_main = Perception(0.0, structs.replace(truck, y_m=3.4), (), ())
-    assert GapAcceptance(SETTINGS, ramp, lambda *_: 0.0)(on_main) is None
+    assert idm.GapAcceptance(SETTINGS, ramp, lambda *_: 0.0)(on_main) is None
 
 
 def test_a_driver_who_finds_no_gap_stops_before_the_lane_ends(ramp, truck, car):
-    driver = IntelligentDriver(IntelligentDriver.Settings())
+    driver = idm.IntelligentDriver(idm.IntelligentDriver.Settings())
     driver.reset(ramp)
     ego = structs.replace(truck, speed_mps=20.0)
     for _ in range(600):

@@ -4,26 +4,13 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values.scene import VehicleState
+from eigenfail_workers.planners.rulebook import settings, values
 from eigenfail_workers.planners.rulebook.lanes import ABORT, COMMITMENT, make_lane_planner
 from eigenfail_workers.planners.rulebook.rules import choose
-from eigenfail_workers.planners.rulebook.settings import (
-    CandidateSettings,
-    MergeSettings,
-    RuleSettings,
-    TruckLimits,
-)
 from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, TrackState
-from eigenfail_workers.planners.rulebook.values import (
-    LanePhase,
-    PlanStart,
-    RuleChoice,
-    RuleContext,
-    Task,
-    Traffic,
-)
 
-SETTINGS = MergeSettings()
-TASK = Task(22.0, 0.5)
+SETTINGS = settings.MergeSettings()
+TASK = values.Task(22.0, 0.5)
 EGO = VehicleState(0.0, 0.0, 0.0, 20.0, 16.0, 2.5)
 
 
@@ -43,14 +30,14 @@ def ramp(mission):
 
 @pytest.fixture
 def approaching(ramp):
-    return make_lane_planner(SETTINGS, ramp, CandidateSettings(), TruckLimits())
+    return make_lane_planner(SETTINGS, ramp, settings.CandidateSettings(), settings.TruckLimits())
 
 
 def decide(lane, *tracks, ego=EGO):
     """One step: the choice, and the phase from then on."""
-    traffic = lane.observe(tracks, ego, Traffic())
-    offered = lane.propose(PlanStart(ego.speed_mps, 0.0, TASK), traffic)
-    context = RuleContext(traffic, ego.speed_mps, 25.0, RuleSettings())
+    traffic = lane.observe(tracks, ego, values.Traffic())
+    offered = lane.propose(values.PlanStart(ego.speed_mps, 0.0, TASK), traffic)
+    context = values.RuleContext(traffic, ego.speed_mps, 25.0, settings.RuleSettings())
     return lane.decide(choose(offered, context), offered, ego)
 
 
@@ -58,20 +45,22 @@ def begun(lane, *tracks, ego=EGO):
     """A change that has just begun."""
     for _ in range(SETTINGS.commit):
         _, lane = decide(lane, *tracks, ego=ego)
-    assert lane.phase is LanePhase.CHANGING
+    assert lane.phase is values.LanePhase.CHANGING
     return lane
 
 
 def test_where_the_lane_goes_on_the_truck_is_held_to_it(mission):
-    lane = make_lane_planner(SETTINGS, mission, CandidateSettings(), TruckLimits())
+    lane = make_lane_planner(
+        SETTINGS, mission, settings.CandidateSettings(), settings.TruckLimits()
+    )
     choice, after = decide(lane, track(100.0), track(-100.0))
-    assert (after, lane.phase) == (lane, LanePhase.IN_LANE)
+    assert (after, lane.phase) == (lane, values.LanePhase.IN_LANE)
     assert choice.profile.change is None
 
 
 def test_on_the_next_lane_the_end_of_lane_0_is_nobody_s_concern(approaching):
     choice, lane = decide(approaching, ego=structs.replace(EGO, y_m=3.5))
-    assert lane.phase is LanePhase.IN_LANE
+    assert lane.phase is values.LanePhase.IN_LANE
     assert choice.profile.change is None
 
 
@@ -79,9 +68,9 @@ def test_a_free_lane_is_entered_after_some_steps_in_a_row(approaching):
     lane = approaching
     for _ in range(SETTINGS.commit - 1):
         choice, lane = decide(lane)
-        assert (choice.profile.name, lane.phase) == ("change_lane", LanePhase.APPROACHING)
+        assert (choice.profile.name, lane.phase) == ("change_lane", values.LanePhase.APPROACHING)
     choice, lane = decide(lane)
-    assert lane.phase is LanePhase.CHANGING
+    assert lane.phase is values.LanePhase.CHANGING
 
 
 def test_a_step_in_which_the_gap_does_not_fit_starts_the_count_anew(approaching):
@@ -90,7 +79,7 @@ def test_a_step_in_which_the_gap_does_not_fit_starts_the_count_anew(approaching)
         for _ in range(SETTINGS.commit - 1):
             _, lane = decide(lane, track(-13.0))
         _, lane = decide(lane, track(-11.0))
-    assert lane.phase is LanePhase.APPROACHING
+    assert lane.phase is values.LanePhase.APPROACHING
 
 
 @pytest.mark.parametrize(
@@ -150,7 +139,7 @@ def test_a_follower_who_comes_too_near_makes_it_turn_back_before_the_line(approa
     assert choice.profile.name == "merge_early"
     choice, back = decide(lane, track(-4.0, ego=inside), ego=inside)
     assert (choice.profile.name, choice.rule) == (ABORT, "right_of_way")
-    assert back.phase is LanePhase.APPROACHING
+    assert back.phase is values.LanePhase.APPROACHING
     assert back.steer(inside) < 0.0 or back.steer(structs.replace(inside, x_m=60.0)) < 0.0
 
 
@@ -165,35 +154,35 @@ def test_across_the_line_there_is_no_way_back(approaching):
     across = structs.replace(EGO, x_m=30.0, y_m=0.6)
     choice, after = decide(lane, track(-4.0, ego=across), ego=across)
     assert (choice.profile.name, choice.rule) == ("merge_early", "unopposed")
-    assert after.phase is LanePhase.CHANGING
+    assert after.phase is values.LanePhase.CHANGING
 
 
 def test_nor_is_there_one_too_near_to_the_end_of_the_lane(approaching):
     late = structs.replace(EGO, x_m=400.0 - 8.0 - 102.0)
     lane = begun(approaching, track(-13.0, ego=late), ego=late)
     choice, after = decide(lane, track(-4.0, ego=late), ego=late)
-    assert after.phase is LanePhase.CHANGING
+    assert after.phase is values.LanePhase.CHANGING
     assert choice.profile.name == "merge_early"
 
 
 def test_who_is_ahead_in_the_gap_is_the_lead_while_the_truck_comes_over(approaching):
     lane = begun(approaching, track(40.0))
-    assert lane.observe([track(40.0)], EGO, Traffic()).lead.gap_m == 40.0
+    assert lane.observe([track(40.0)], EGO, values.Traffic()).lead.gap_m == 40.0
 
 
 def test_at_the_end_of_its_path_it_is_held_to_the_new_lane(approaching):
     lane = begun(approaching)
     there = structs.replace(EGO, x_m=101.0, y_m=3.4)
     _, lane = decide(lane, ego=there)
-    assert lane.phase is LanePhase.IN_LANE
+    assert lane.phase is values.LanePhase.IN_LANE
     assert lane.steer(there) > 0.0
     assert lane.steer(structs.replace(there, y_m=3.6)) < 0.0
 
 
 def test_the_verdict_of_a_rule_above_progress_is_taken_at_once(approaching):
     decide(approaching, track(-6.0, 19.0))
-    traffic = approaching.observe([track(-6.0, 19.0)], EGO, Traffic())
-    offered = approaching.propose(PlanStart(20.0, 0.0, TASK), traffic)
+    traffic = approaching.observe([track(-6.0, 19.0)], EGO, values.Traffic())
+    offered = approaching.propose(values.PlanStart(20.0, 0.0, TASK), traffic)
     stop = next(profile for profile in offered if profile.name == "stop")
-    choice, _ = approaching.decide(RuleChoice(stop, "lane_end"), offered, EGO)
+    choice, _ = approaching.decide(values.RuleChoice(stop, "lane_end"), offered, EGO)
     assert choice.profile.name == "stop"

@@ -3,6 +3,7 @@
 import pytest
 from msgspec import structs
 
+from eigenfail_workers.planners.rulebook import settings, values
 from eigenfail_workers.planners.rulebook.candidates import KNOTS, roll_out, roll_out_all
 from eigenfail_workers.planners.rulebook.rules import (
     HIERARCHY,
@@ -15,44 +16,32 @@ from eigenfail_workers.planners.rulebook.rules import (
     progress,
     right_of_way,
 )
-from eigenfail_workers.planners.rulebook.settings import (
-    CandidateSettings,
-    RuleSettings,
-    TruckLimits,
-)
 from eigenfail_workers.planners.rulebook.traffic import required_deceleration
-from eigenfail_workers.planners.rulebook.values import (
-    LaneChange,
-    Neighbour,
-    PlanStart,
-    Profile,
-    RuleContext,
-    Task,
-    Traffic,
-)
 
-LIMITS = TruckLimits()
-TASK = Task(24.0, 0.5)
+LIMITS = settings.TruckLimits()
+TASK = values.Task(24.0, 0.5)
 
 
 def candidates(traffic, speed_mps=24.0):
-    start = PlanStart(speed_mps, 0.0, TASK)
-    return roll_out_all(start, traffic, CandidateSettings(), LIMITS)
+    start = values.PlanStart(speed_mps, 0.0, TASK)
+    return roll_out_all(start, traffic, settings.CandidateSettings(), LIMITS)
 
 
 def choice(traffic, speed_mps=24.0):
-    context = RuleContext(traffic, speed_mps, 25.0, RuleSettings())
+    context = values.RuleContext(traffic, speed_mps, 25.0, settings.RuleSettings())
     return choose(candidates(traffic, speed_mps), context)
 
 
 def table(costs, tolerances=(0.0, 0.0, 0.0)):
     """Choose among made-up profiles whose costs by rule are given."""
-    made = [Profile(name, 0.0, [], [], []) for name in costs]
+    made = [values.Profile(name, 0.0, [], [], []) for name in costs]
     rules = [
         Rule(f"rule {k}", lambda profile, _context, k=k: costs[profile.name][k], tolerance)
         for k, tolerance in enumerate(tolerances)
     ]
-    found = choose(made, RuleContext(Traffic(), 24.0, 25.0, RuleSettings()), rules)
+    found = choose(
+        made, values.RuleContext(values.Traffic(), 24.0, 25.0, settings.RuleSettings()), rules
+    )
     return found.profile.name, found.rule
 
 
@@ -89,18 +78,18 @@ def test_the_order_of_the_paper_s_hierarchy():
     ]
 
 
-RAMP = Traffic(lane_end=Neighbour(300.0, 0.0, 0.0))
+RAMP = values.Traffic(lane_end=values.Neighbour(300.0, 0.0, 0.0))
 
 
 def cost(rule, change, traffic=RAMP):
     """Of a candidate at 20 m/s that keeps its speed."""
-    profile = roll_out("any", PlanStart(20.0, 0.0, Task(20.0, 0.5)), 0.0, LIMITS)
-    context = RuleContext(traffic, 20.0, 25.0, RuleSettings())
+    profile = roll_out("any", values.PlanStart(20.0, 0.0, values.Task(20.0, 0.5)), 0.0, LIMITS)
+    context = values.RuleContext(traffic, 20.0, 25.0, settings.RuleSettings())
     return rule(structs.replace(profile, change=change), context)
 
 
 def test_what_a_change_of_lane_costs_by_each_rule():
-    now = LaneChange(begins=0, over_m=100.0)
+    now = values.LaneChange(begins=0, over_m=100.0)
     assert [cost(rule.cost, now) for rule in HIERARCHY[:-1]] == [0.0] * 6
     for name, value, rule in (
         ("hit_mps", 4.0, collision),
@@ -112,42 +101,44 @@ def test_what_a_change_of_lane_costs_by_each_rule():
 
 
 def test_what_a_change_still_lacks_is_no_cost_before_it_begins():
-    waiting = LaneChange(begins=None, short_ahead_m=9.0, short_behind_m=9.0)
+    waiting = values.LaneChange(begins=None, short_ahead_m=9.0, short_behind_m=9.0)
     assert cost(right_of_way, waiting) == cost(clearance, waiting) == 0.0
 
 
 def test_the_end_of_the_lane_asks_for_braking_from_a_need_on():
     """With 60 m to turn: 1 s later 2.0 m/s² at 180 m, and 400 / (2 · 75) m/s² at 155 m."""
-    far, near = (Traffic(lane_end=Neighbour(gap_m, 0.0, 0.0)) for gap_m in (180.0, 155.0))
+    far, near = (
+        values.Traffic(lane_end=values.Neighbour(gap_m, 0.0, 0.0)) for gap_m in (180.0, 155.0)
+    )
     assert cost(lane_end, None, far) == 0.0
     now = 400.0 / (2.0 * 95.0)
     assert cost(lane_end, None, near) == pytest.approx(400.0 / (2.0 * 75.0) - max(now, 2.2))
-    assert cost(lane_end, None, Traffic()) == 0.0
+    assert cost(lane_end, None, values.Traffic()) == 0.0
 
 
 def test_in_a_lane_that_ends_progress_is_to_leave_it_soon():
     options = [
-        LaneChange(begins=0, over_m=100.0),
-        LaneChange(begins=4, over_m=150.0),
-        LaneChange(begins=30, over_m=290.0),
-        LaneChange(begins=4, over_m=310.0),
-        LaneChange(short_behind_m=2.0),
-        LaneChange(short_behind_m=3.0),
+        values.LaneChange(begins=0, over_m=100.0),
+        values.LaneChange(begins=4, over_m=150.0),
+        values.LaneChange(begins=30, over_m=290.0),
+        values.LaneChange(begins=4, over_m=310.0),
+        values.LaneChange(short_behind_m=2.0),
+        values.LaneChange(short_behind_m=3.0),
         None,
     ]
     costs = [cost(progress, change) for change in options]
     assert costs == sorted(costs)
     assert len(set(costs)) == len(costs)
-    assert cost(progress, None, Traffic()) == -100.0
+    assert cost(progress, None, values.Traffic()) == -100.0
 
 
 def test_an_empty_road_is_for_progress():
-    assert choice(Traffic(), 20.0).profile.name == "keep"
-    assert choice(Traffic(), 20.0).rule == "progress"
+    assert choice(values.Traffic(), 20.0).profile.name == "keep"
+    assert choice(values.Traffic(), 20.0).rule == "progress"
 
 
 def test_a_lead_that_would_be_hit_is_followed_because_of_that():
-    traffic = Traffic(lead=Neighbour(25.0, 0.5, 12.0))
+    traffic = values.Traffic(lead=values.Neighbour(25.0, 0.5, 12.0))
     assert (choice(traffic, 20.0).profile.name, choice(traffic, 20.0).rule) == (
         "follow",
         "no_collision",
@@ -155,25 +146,25 @@ def test_a_lead_that_would_be_hit_is_followed_because_of_that():
 
 
 def test_a_slower_neighbour_is_given_room_once_it_needs_it():
-    far = Traffic(neighbour=Neighbour(120.0, 3.5, 12.0))
-    near = Traffic(neighbour=Neighbour(60.0, 3.5, 12.0))
+    far = values.Traffic(neighbour=values.Neighbour(120.0, 3.5, 12.0))
+    near = values.Traffic(neighbour=values.Neighbour(60.0, 3.5, 12.0))
     assert choice(far).profile.name == "keep"
     assert (choice(near).profile.name, choice(near).rule) == ("slow", "clearance")
 
 
 def test_candidates_are_offered_only_where_they_make_sense():
-    names = {profile.name for profile in candidates(Traffic())}
+    names = {profile.name for profile in candidates(values.Traffic())}
     assert names == {"keep", "hold"}
-    lead = Neighbour(30.0, 0.0, 12.0)
-    assert {p.name for p in candidates(Traffic(lead, lead))} == names | {"follow", "slow"}
+    lead = values.Neighbour(30.0, 0.0, 12.0)
+    assert {p.name for p in candidates(values.Traffic(lead, lead))} == names | {"follow", "slow"}
     assert {p.name for p in candidates(RAMP)} == names | {"stop"}
 
 
 def test_profiles_respect_jerk_task_and_standstill():
     limits = LIMITS
-    up = roll_out("up", PlanStart(23.9, 0.0, TASK), 0.5, limits)
+    up = roll_out("up", values.PlanStart(23.9, 0.0, TASK), 0.5, limits)
     assert max(up.speeds) <= 24.0
-    down = roll_out("down", PlanStart(3.0, 0.0, TASK), -4.0, limits)
+    down = roll_out("down", values.PlanStart(3.0, 0.0, TASK), -4.0, limits)
     assert down.speeds[-1] == 0.0
     assert down.ways[-1] == down.ways[-2]
     assert down.accelerations[0] == pytest.approx(-limits.comfort_jerk_mps3 * 0.5)

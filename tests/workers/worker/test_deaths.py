@@ -4,18 +4,13 @@ import pytest
 
 from eigenfail.errors import ServiceError
 from eigenfail.values.episode import EpisodeTask, PriorSource
+from eigenfail_workers.worker import inner_processes
 from eigenfail_workers.worker.child_process import HeldEpisode
-from eigenfail_workers.worker.inner_processes import (
-    MAX_CHILD_DEATHS,
-    MAX_FAILED_STARTS,
-    MAX_UNREADY_STARTS,
-    ProcessFailures,
-)
 
 
 @pytest.fixture
-def failures() -> ProcessFailures:
-    return ProcessFailures()
+def failures() -> inner_processes.ProcessFailures:
+    return inner_processes.ProcessFailures()
 
 
 def held(index: int) -> HeldEpisode:
@@ -35,7 +30,7 @@ def test_a_result_wipes_the_slate(failures) -> None:
 
 
 def test_an_episode_that_never_begins_is_given_up_at_last(failures) -> None:
-    for _ in range(MAX_FAILED_STARTS):
+    for _ in range(inner_processes.MAX_FAILED_STARTS):
         failures.record_end(ready=True, status=-9)
         assert not failures.blame(held(0), 0)
     failures.record_end(ready=True, status=-9)
@@ -43,7 +38,7 @@ def test_an_episode_that_never_begins_is_given_up_at_last(failures) -> None:
 
 
 def test_processes_that_never_get_ready_are_the_workers_own_trouble(failures) -> None:
-    for _ in range(MAX_UNREADY_STARTS - 1):
+    for _ in range(inner_processes.MAX_UNREADY_STARTS - 1):
         failures.record_end(ready=False, status=1)
     with pytest.raises(ServiceError, match=r"10 ended, one after the other.*exit status 1"):
         failures.record_end(ready=False, status=1)
@@ -51,7 +46,7 @@ def test_processes_that_never_get_ready_are_the_workers_own_trouble(failures) ->
 
 def test_only_starts_in_a_row_count(failures) -> None:
     for _ in range(2):
-        for _ in range(MAX_UNREADY_STARTS - 1):
+        for _ in range(inner_processes.MAX_UNREADY_STARTS - 1):
             failures.record_end(ready=False, status=-9)
         failures.record_end(ready=True, status=-9)
-    assert not failures.blame(held(0), MAX_CHILD_DEATHS - 1)
+    assert not failures.blame(held(0), inner_processes.MAX_CHILD_DEATHS - 1)

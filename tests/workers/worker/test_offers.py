@@ -13,15 +13,7 @@ import pytest
 
 from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.wire.messages import (
-    BridgeReport,
-    Drop,
-    Heartbeat,
-    Hello,
-    Refusal,
-    Setup,
-    Welcome,
-)
+from eigenfail.wire import messages
 from eigenfail_workers.bridge.connection import SharedConnection, make_timeouts
 from eigenfail_workers.worker import parent
 from eigenfail_workers.worker.parent import Parent
@@ -71,8 +63,8 @@ def worker(hub, bridge) -> Iterator[Parent]:
     made = Parent(hub.address, "w")
     thread = Thread(target=made.serve)
     thread.start()
-    assert hub.hear(Hello).bridge
-    hub.say(Welcome(heartbeat_s=0.2))
+    assert hub.hear(messages.Hello).bridge
+    hub.say(messages.Welcome(heartbeat_s=0.2))
     yield made
     made.shut_down()
     made.shut_down()
@@ -84,30 +76,30 @@ def hear_beside_hello(hub, kind) -> object:
 
     A played hub says nothing by itself: where a bridge takes long to start, the worker asks anew.
     """
-    while isinstance(heard := hub.hear(kind | Hello), Hello):
-        hub.say(Welcome(heartbeat_s=0.2))
+    while isinstance(heard := hub.hear(kind | messages.Hello), messages.Hello):
+        hub.say(messages.Welcome(heartbeat_s=0.2))
     return heard
 
 
 def hear_offer(hub) -> object:
     """Return the next offer that is known."""
-    while (offer := hear_beside_hello(hub, BridgeReport).offer) is None:
+    while (offer := hear_beside_hello(hub, messages.BridgeReport).offer) is None:
         pass
     return offer
 
 
 def test_the_offer_reaches_each_hub_and_is_withdrawn_with_the_bridge(hub, bridge, worker) -> None:
-    assert hear_beside_hello(hub, BridgeReport).offer is None
+    assert hear_beside_hello(hub, messages.BridgeReport).offer is None
     bridge.start()
     offer = hear_offer(hub)
     assert offer.name == "minimal"
     assert "distance_m" in offer.scenarios[0].parameters
-    hub.say(Refusal("who are you?"))
-    hub.hear(Hello)
-    hub.say(Welcome(heartbeat_s=0.2))
-    assert hear_beside_hello(hub, BridgeReport).offer == offer
+    hub.say(messages.Refusal("who are you?"))
+    hub.hear(messages.Hello)
+    hub.say(messages.Welcome(heartbeat_s=0.2))
+    assert hear_beside_hello(hub, messages.BridgeReport).offer == offer
     bridge.stop()
-    while hear_beside_hello(hub, BridgeReport).offer is not None:
+    while hear_beside_hello(hub, messages.BridgeReport).offer is not None:
         pass
 
 
@@ -116,21 +108,21 @@ def test_a_report_that_was_lost_is_repeated(hub, bridge, worker, monkeypatch) ->
     monkeypatch.setattr(parent, "BEATS_PER_REPORT", 2)
     bridge.start()
     lost = hear_offer(hub)
-    assert hear_beside_hello(hub, BridgeReport).offer == lost
+    assert hear_beside_hello(hub, messages.BridgeReport).offer == lost
     bridge.stop()
     for _ in range(2):  # The first one to withdraw the offer may be lost as well.
-        while hear_beside_hello(hub, BridgeReport).offer is not None:
+        while hear_beside_hello(hub, messages.BridgeReport).offer is not None:
             pass
 
 
 def test_a_bridge_is_not_asked_while_a_campaign_is_on_it(hub, bridge, worker) -> None:
-    hear_beside_hello(hub, BridgeReport)
-    hub.say(Setup(1, ON_BRIDGE.setup()))
+    hear_beside_hello(hub, messages.BridgeReport)
+    hub.say(messages.Setup(1, ON_BRIDGE.setup()))
     bridge.start()
     with closing(SharedConnection(bridge.address, make_timeouts(deadlines.PROCESS_S))) as there:
         there.get(deadlines.PROCESS_S)
     for _ in range(BEATS):
-        heard = hear_beside_hello(hub, Heartbeat | BridgeReport)
-        assert isinstance(heard, Heartbeat) or heard.offer is None
-    hub.say(Drop(1))
+        heard = hear_beside_hello(hub, messages.Heartbeat | messages.BridgeReport)
+        assert isinstance(heard, messages.Heartbeat) or heard.offer is None
+    hub.say(messages.Drop(1))
     assert hear_offer(hub).name == "minimal"

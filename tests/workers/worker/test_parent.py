@@ -12,19 +12,7 @@ import pytest
 
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource, episode_seed
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Ack,
-    Drop,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    Lease,
-    Refusal,
-    Results,
-    Setup,
-    Welcome,
-)
+from eigenfail.wire import messages
 from eigenfail_workers.limits import Limits, read_limits
 from eigenfail_workers.worker import child_process
 from eigenfail_workers.worker.parent import Parent
@@ -50,9 +38,9 @@ def serving(hub, episode_limit: str) -> Iterator[Parent]:
     worker = Parent(hub.address, "w", limits=read_limits(episode_limit=episode_limit))
     thread = Thread(target=worker.serve)
     thread.start()
-    hello = hub.hear(Hello)
-    assert (hello.protocol, hello.worker) == (PROTOCOL, "w")
-    hub.say(Welcome(heartbeat_s=0.2))
+    hello = hub.hear(messages.Hello)
+    assert (hello.protocol, hello.worker) == (messages.PROTOCOL, "w")
+    hub.say(messages.Welcome(heartbeat_s=0.2))
     yield worker
     worker.shut_down()
     worker.shut_down()
@@ -61,13 +49,15 @@ def serving(hub, episode_limit: str) -> Iterator[Parent]:
     assert not [p for p in psutil.Process().children() if "worker.child" in " ".join(p.cmdline())]
 
 
-def setup(planner: str) -> Setup:
+def setup(planner: str) -> messages.Setup:
     spec = CampaignSpec(name="t", method="monte_carlo", episodes=9, planner=planner)
-    return Setup(1, spec.setup())
+    return messages.Setup(1, spec.setup())
 
 
-def lease(*indices: int) -> Lease:
-    return Lease(1, tuple(EpisodeTask(i, episode_seed(0, i), PriorSource()) for i in indices))
+def lease(*indices: int) -> messages.Lease:
+    return messages.Lease(
+        1, tuple(EpisodeTask(i, episode_seed(0, i), PriorSource()) for i in indices)
+    )
 
 
 def child() -> psutil.Process:
@@ -79,18 +69,18 @@ def child() -> psutil.Process:
 
 def test_leased_episodes_come_back_in_order(hub, parent) -> None:
     hub.say(setup("idm"), lease(0, 1, 2))
-    results = [hub.hear(Results).results[0] for _ in range(3)]
+    results = [hub.hear(messages.Results).results[0] for _ in range(3)]
     assert [result.index for result in results] == [0, 1, 2]
     assert all(result.outcome is not Outcome.ERRORED for result in results)
 
 
 def test_what_is_not_acknowledged_is_said_again_to_the_next_hub(hub, parent) -> None:
     hub.say(setup("idm"), lease(0, 1))
-    first = [hub.hear(Results).results[0] for _ in range(2)]
-    hub.say(Ack(1, (0,)), Refusal("who are you?"))
-    hub.hear(Hello)
-    hub.say(Welcome(0.2))
-    again = hub.hear(Results).results[0]
+    first = [hub.hear(messages.Results).results[0] for _ in range(2)]
+    hub.say(messages.Ack(1, (0,)), messages.Refusal("who are you?"))
+    hub.hear(messages.Hello)
+    hub.say(messages.Welcome(0.2))
+    again = hub.hear(messages.Results).results[0]
     assert (again.index, again.digest()) == (1, first[1].digest())
 
 
@@ -102,9 +92,9 @@ def test_what_is_not_acknowledged_is_said_again_to_the_next_hub(hub, parent) -> 
 )
 def test_a_killed_child_costs_no_episode(hub, parent) -> None:
     hub.say(setup("idm"), lease(*range(40)))
-    hub.hear(Results)
+    hub.hear(messages.Results)
     child().send_signal(signal.SIGKILL)
-    indices = [hub.hear(Results).results[0].index for _ in range(39)]
+    indices = [hub.hear(messages.Results).results[0].index for _ in range(39)]
     assert sorted(indices) == list(range(1, 40))
 
 
@@ -116,7 +106,7 @@ def test_a_killed_child_costs_no_episode(hub, parent) -> None:
 )
 def test_an_episode_that_never_ends_is_given_up(hub, impatient) -> None:
     hub.say(setup("test_hangs"), lease(0))
-    result = hub.hear(Results).results[0]
+    result = hub.hear(messages.Results).results[0]
     assert result.outcome is Outcome.ERRORED
     assert "longer than 3 s" in result.fault.message
 
@@ -124,7 +114,7 @@ def test_an_episode_that_never_ends_is_given_up(hub, impatient) -> None:
 @pytest.mark.fault("planner that ends its own process")
 def test_an_episode_that_kills_its_process_is_given_up_after_three_tries(hub, parent) -> None:
     hub.say(setup("test_dies"), lease(0))
-    result = hub.hear(Results).results[0]
+    result = hub.hear(messages.Results).results[0]
     assert result.fault.kind == "infrastructure"
     assert "exit status" in result.fault.message
 
@@ -136,69 +126,81 @@ def test_an_episode_that_kills_its_process_is_given_up_after_three_tries(hub, pa
 )
 def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent) -> None:
     hub.say(setup("test_scribbles"), lease(0))
-    result = hub.hear(Results).results[0]
+    result = hub.hear(messages.Results).results[0]
     assert (result.index, result.fault.kind) == (0, "infrastructure")
     hub.say(setup("idm"), lease(1))
-    assert hub.hear(Results).results[0].outcome is not Outcome.ERRORED
+    assert hub.hear(messages.Results).results[0].outcome is not Outcome.ERRORED
 
 
+<<<<<<< HEAD
+=======
+@pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])
+def test_a_bad_planner_fails_its_episodes_and_nothing_else(hub, parent, planner) -> None:
+    pid = os.getpid()
+    hub.say(setup(planner), lease(0, 1))
+    faults = [hub.hear(messages.Results).results[0].fault for _ in range(2)]
+    assert {fault.kind for fault in faults} == {"planner"}
+    assert os.getpid() == pid
+
+
+>>>>>>> Q2
 def test_an_unknown_planner_fails_its_episodes_with_the_known_names(hub, parent) -> None:
     hub.say(setup("rulebok"), lease(0))
-    fault = hub.hear(Results).results[0].fault
+    fault = hub.hear(messages.Results).results[0].fault
     assert fault.kind == "input"
     assert "rulebook" in fault.message
 
 
 def test_nonsense_is_passed_over(hub, parent) -> None:
     hub.say(b"", b"\x80\x04K\x01.", b"GET / HTTP/1.1\r\n\r\n", b"\xc1" * 1000)
-    assert hub.hear(Heartbeat)
+    assert hub.hear(messages.Heartbeat)
 
 
 def test_a_dropped_campaign_is_not_run_on(hub, parent) -> None:
     hub.say(setup("idm"), lease(*range(100)))
-    hub.hear(Results)
-    hub.say(Drop(1), setup("idm"), lease(500))
+    hub.hear(messages.Results)
+    hub.say(messages.Drop(1), setup("idm"), lease(500))
     indices = []
     while not indices or indices[-1] != 500:
-        indices.append(hub.hear(Results).results[0].index)
+        indices.append(hub.hear(messages.Results).results[0].index)
     assert len(indices) < 60
 
 
 def test_goodbye_is_obeyed_and_answered(hub, parent) -> None:
-    hub.say(Goodbye())
-    assert hub.hear(Goodbye)
+    hub.say(messages.Goodbye())
+    assert hub.hear(messages.Goodbye)
 
 
 def test_a_campaign_dropped_while_its_episode_hangs_is_nobodys_trouble(hub, impatient) -> None:
     hub.say(setup("test_hangs"), lease(0, 1))
-    while hub.hear(Heartbeat).running != 0:
+    while hub.hear(messages.Heartbeat).running != 0:
         pass
-    hub.say(Drop(1), setup("idm"), lease(7))
-    assert [r.index for r in hub.hear(Results).results] == [7]
+    hub.say(messages.Drop(1), setup("idm"), lease(7))
+    assert [r.index for r in hub.hear(messages.Results).results] == [7]
 
 
 def test_an_episode_that_hangs_is_tried_anew_when_leased_again_after_its_campaign_was_dropped(
     hub, impatient
 ) -> None:
     hub.say(setup("test_hangs"), lease(0))
-    while hub.hear(Heartbeat).running != 0:
+    while hub.hear(messages.Heartbeat).running != 0:
         pass
-    hub.say(Drop(1), setup("idm"), lease(0))
-    assert [(r.index, r.fault) for r in hub.hear(Results).results] == [(0, None)]
+    hub.say(messages.Drop(1), setup("idm"), lease(0))
+    assert [(r.index, r.fault) for r in hub.hear(messages.Results).results] == [(0, None)]
 
 
 def test_a_result_that_is_asked_for_again_is_sent_again(hub, parent) -> None:
     hub.say(setup("idm"), lease(0))
-    first = hub.hear(Results).results[0]
+    first = hub.hear(messages.Results).results[0]
     hub.say(lease(0))
-    assert hub.hear(Results).results[0].digest() == first.digest()
+    assert hub.hear(messages.Results).results[0].digest() == first.digest()
 
 
 def test_only_the_first_of_many_welcomes_brings_the_outbox(hub, parent) -> None:
     hub.say(setup("idm"), lease(0))
-    hub.hear(Results)
-    hub.say(*[Welcome(heartbeat_s=5.0)] * 3, lease(1))
-    assert [r.index for r in hub.hear(Results).results] == [1]
+    hub.hear(messages.Results)
+    hub.say(*[messages.Welcome(heartbeat_s=5.0)] * 3, lease(1))
+    assert [r.index for r in hub.hear(messages.Results).results] == [1]
 
 
 @pytest.mark.fault("SIGSTOP of a worker")

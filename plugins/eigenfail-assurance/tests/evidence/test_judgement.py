@@ -21,13 +21,8 @@ from eigenfail_assurance.evidence.question import (
 )
 from eigenfail_assurance.evidence.records import SolutionInput
 from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
+from eigenfail_assurance.sensor import search
 from eigenfail_assurance.sensor.anchors import bound_sampled, judge_bounds
-from eigenfail_assurance.sensor.search import (
-    Anchor,
-    ErrorLimit,
-    RequirementAnswer,
-    RequirementQuestion,
-)
 
 
 def judge_probability(count, *records, at_most=0.05, confidence=0.95):
@@ -253,7 +248,7 @@ def answer_sensor(records, question):
     for size, record in records.items():
         counts, bounds = record.campaign.counts, bound_sampled(record.campaign, question.test_error)
         anchors.append(
-            Anchor(
+            search.Anchor(
                 multiples={"scale": size},
                 campaign=record.campaign.id,
                 episodes=counts.completed,
@@ -263,7 +258,7 @@ def answer_sensor(records, question):
                 verdict=judge_bounds(bounds, question.target),
             )
         )
-    limit = ErrorLimit(
+    limit = search.ErrorLimit(
         channel="scale",
         beside={},
         largest=None,
@@ -272,7 +267,7 @@ def answer_sensor(records, question):
         at_high_end=False,
         tests=tuple(records),
     )
-    return RequirementAnswer(
+    return search.RequirementAnswer(
         question=question,
         limits=(limit,),
         frontier=(),
@@ -286,7 +281,7 @@ def answer_sensor(records, question):
     [(0.9, "supported"), (1.0, "supported"), (1.5, "undecided"), (2.0, "refuted")],
 )
 def test_a_sensor_is_judged_by_the_bounds_of_its_anchors(make, count, wanted, verdict):
-    question = RequirementQuestion(target=0.1)
+    question = search.RequirementQuestion(target=0.1)
     records = {1.0: make("s" * 200, 1), 2.0: make("c" * 50 + "s" * 50, 2)}
     given, counted = count(*records.values())
     answer = answer_sensor(records, question)

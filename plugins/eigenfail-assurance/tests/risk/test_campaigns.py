@@ -1,7 +1,5 @@
 """Which figures of campaigns state a probability of failure, and which do not."""
 
-from contextlib import closing
-
 import pytest
 from msgspec.structs import replace
 
@@ -16,7 +14,6 @@ from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenari
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.summary import find_failure_rate
 from eigenfail_services.statistics.intervals import confidence_sequence, log_normal
-from eigenfail_services.store import open_store
 
 SUBSET = Estimate(
     by="subset simulation", episodes=900, probability=1e-4, cv=0.3, interval=log_normal(1e-4, 0.3)
@@ -148,12 +145,6 @@ def ask(store, **fields):
         scenarios=(scenario,),
     )
     return assess_campaigns(store, question)
-
-
-@pytest.fixture
-def store():
-    with closing(open_store("memory://")) as opened:
-        yield opened
 
 
 def test_a_queued_campaign_leaves_it_undecided(store):

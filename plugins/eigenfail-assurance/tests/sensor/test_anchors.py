@@ -17,15 +17,7 @@ from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.shapes import Markov
 from eigenfail.values.summary import Unresolved
-from eigenfail_assurance.sensor.anchors import (
-    bound_estimate,
-    bound_sampled,
-    check_question,
-    find_fewest_failures,
-    find_sensor_requirement,
-    make_anchor_suite,
-    read_anchor,
-)
+from eigenfail_assurance.sensor import anchors
 from eigenfail_assurance.sensor.scaling import describe_size, scale_model
 from eigenfail_assurance.sensor.search import AnchorVerdict, MultipleRange, RequirementQuestion
 from eigenfail_services.statistics.intervals import clopper_pearson, log_normal, rate
@@ -44,7 +36,7 @@ def test_the_bounds_of_draws_from_p_are_exact(n, share, error):
 
 @given(st.floats(1e-5, 0.5), st.integers(1, 5_000))
 def test_the_fewest_failures_are_where_the_exact_interval_leaves_the_target(target, episodes):
-    fewest = find_fewest_failures(target, episodes, ERROR / 2.0)
+    fewest = anchors.find_fewest_failures(target, episodes, ERROR / 2.0)
     if fewest is None:
         assert clopper_pearson(episodes, episodes).low <= target * (1.0 + 1e-9)
         return
@@ -64,10 +56,10 @@ def test_the_interval_of_an_estimate_is_found_again_at_its_own_confidence(
     estimate = Estimate(
         by="subset simulation", episodes=9, probability=probability, cv=cv, interval=interval
     )
-    again = bound_estimate(estimate, ERROR / 2.0)
+    again = anchors.bound_estimate(estimate, ERROR / 2.0)
     assert again.low == pytest.approx(interval.low, rel=1e-4)
     assert again.high == pytest.approx(interval.high, rel=1e-4)
-    wider = bound_estimate(estimate, ERROR / 20.0)
+    wider = anchors.bound_estimate(estimate, ERROR / 20.0)
     assert wider.low < again.low <= again.high <= wider.high
 
 
@@ -84,16 +76,16 @@ def make_campaign(counts, limit=None, method="monte_carlo", estimate=None, state
 
 
 def test_a_campaign_that_its_failures_ended_has_a_lower_bound_of_its_whole_budget():
-    limit = find_fewest_failures(0.01, 1000, 0.01)
-    bounds = bound_sampled(make_campaign(Counts(1000, 200, limit + 3), limit), 0.01)
+    limit = anchors.find_fewest_failures(0.01, 1000, 0.01)
+    bounds = anchors.bound_sampled(make_campaign(Counts(1000, 200, limit + 3), limit), 0.01)
     assert bounds == Interval(find_lower_bound(limit, 1000, 0.01), 1.0)
     assert bounds.low > 0.01
-    ended = bound_sampled(make_campaign(Counts(1000, 1000, limit - 1), limit), 0.01)
+    ended = anchors.bound_sampled(make_campaign(Counts(1000, 1000, limit - 1), limit), 0.01)
     assert ended.high < 1.0
 
 
 def test_errored_episodes_count_against_the_target():
-    bounds = bound_sampled(make_campaign(Counts(1000, 980, 1, errored=20)), 0.01)
+    bounds = anchors.bound_sampled(make_campaign(Counts(1000, 980, 1, errored=20)), 0.01)
     assert bounds.low == find_lower_bound(1, 1000, 0.01)
     assert bounds.high == find_upper_bound(21, 1000, 0.01)
 
@@ -102,12 +94,12 @@ def read(campaign, ended=None):
     found = rate(campaign.counts.failures, 1000)
     summary = SimpleNamespace(failure_rate=found, unresolved=ended or Unresolved())
     client = SimpleNamespace(campaigns=SimpleNamespace(summary=lambda _id: summary))
-    return read_anchor(client, campaign, {"scale": 1.5}, 0.01, 0.01)
+    return anchors.read_anchor(client, campaign, {"scale": 1.5}, 0.01, 0.01)
 
 
 def test_unresolved_episodes_count_against_the_target():
     campaign = make_campaign(Counts(1000, 1000, 1))
-    assert read(campaign).bounds == bound_sampled(campaign, 0.01)
+    assert read(campaign).bounds == anchors.bound_sampled(campaign, 0.01)
     anchor = read(campaign, Unresolved(count=15, horizon_s=18.0))
     assert anchor.bounds.low == find_lower_bound(1, 1000, 0.01)
     assert anchor.bounds.high == find_upper_bound(16, 1000, 0.01)
@@ -259,7 +251,7 @@ def make_spec(**given):
 def test_what_cannot_be_answered_is_refused_by_field(error, field, words, spec, question):
     asked = RequirementQuestion(**{"target": 0.01, **question})
     with pytest.raises(error, match=words) as refused:
-        check_question(make_spec(**spec), asked)
+        anchors.check_question(make_spec(**spec), asked)
     assert refused.value.field == field
 
 
@@ -267,19 +259,21 @@ def test_as_many_episodes_as_show_the_target_are_enough():
     fewest = 492
     assert find_upper_bound(0, fewest, QUESTION.test_error) <= QUESTION.target
     assert find_upper_bound(0, fewest - 1, QUESTION.test_error) > QUESTION.target
-    check_question(make_spec(episodes=fewest), QUESTION)
+    anchors.check_question(make_spec(episodes=fewest), QUESTION)
 
 
 def test_equal_anchors_are_equal_campaigns():
     spec = make_spec(disturbance=NAMED, stop=StopRules(wall_s=9.0))
-    one, other = (make_anchor_suite(spec, {"missed": 1.5, "scale": 1.0}, 0.01, 0.01) for _ in "12")
+    one, other = (
+        anchors.make_anchor_suite(spec, {"missed": 1.5, "scale": 1.0}, 0.01, 0.01) for _ in "12"
+    )
     assert one == other
     (member,) = one.members
     assert member.spec.name == "sensor of n: missed × 1.5, scale × 1"
     assert member.spec.stop == StopRules(
-        wall_s=9.0, failures=find_fewest_failures(0.01, 1000, 0.01)
+        wall_s=9.0, failures=anchors.find_fewest_failures(0.01, 1000, 0.01)
     )
-    subset = make_anchor_suite(make_spec(method="subset"), {"scale": 1.5}, 0.01, 0.01)
+    subset = anchors.make_anchor_suite(make_spec(method="subset"), {"scale": 1.5}, 0.01, 0.01)
     assert subset.members[0].spec.stop == StopRules()
 
 
@@ -292,7 +286,7 @@ def test_the_anchors_are_campaigns_of_the_service():
 
     summary = SimpleNamespace(failure_rate=rate(1, 1000), unresolved=Unresolved())
     client = SimpleNamespace(campaigns=SimpleNamespace(summary=lambda _id: summary))
-    answer = find_sensor_requirement(client, make_spec(), QUESTION, run)
+    answer = anchors.find_sensor_requirement(client, make_spec(), QUESTION, run)
     assert asked[:2] == [0.5, 2.0]
     assert answer.limits[0].largest == max(scale for scale in asked if scale <= 1.3)
     assert answer.limits[0].largest > 1.2

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from contrast import contrast
 from msgspec.structs import replace
 
 from eigenfail.presentation.svg import Drawing, draw_svg
@@ -14,17 +15,6 @@ from eigenfail_reports.material import (
     stack_noise,
 )
 from eigenfail_reports.page import inline_svg, list_probability, make_environment
-
-
-def luminance(colour):
-    channels = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-def contrast(one, other):
-    low, high = sorted((luminance(one), luminance(other)))
-    return (high + 0.05) / (low + 0.05)
 
 
 def test_text_stands_out_from_what_it_lies_on():

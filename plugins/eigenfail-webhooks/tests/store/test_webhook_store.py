@@ -24,28 +24,18 @@ from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.events import EventSubject, append_event
-from eigenfail_webhooks import messages
+from eigenfail_webhooks import messages, values
 from eigenfail_webhooks import outbox as outboxes
 from eigenfail_webhooks.messages import queue_messages
 from eigenfail_webhooks.outbox import ClaimedDelivery, DeliveryAttempt, Outbox, claim_first
 from eigenfail_webhooks.store import WebhookStore
 from eigenfail_webhooks.tables import deliveries
-from eigenfail_webhooks.values import (
-    EVERY_EVENT,
-    LAST_DELIVERIES,
-    MAX_WEBHOOKS,
-    DeliveryState,
-    Webhook,
-    WebhookDelivery,
-    WebhookEvent,
-    WebhookRequest,
-)
 
 URL, SECRET = "https://hooks.example/eigenfail", "whsec_bm90IGEgc2VjcmV0IG9mIGFueWJvZHk="
 LONG_S, PASSED_S = 600.0, 0.0
-DELIVERED = DeliveryAttempt(DeliveryState.DELIVERED, 204)
-GONE = DeliveryAttempt(DeliveryState.FAILED, 410, "It is gone.", deactivates=True)
-LATER = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 3_600_000)
+DELIVERED = DeliveryAttempt(values.DeliveryState.DELIVERED, 204)
+GONE = DeliveryAttempt(values.DeliveryState.FAILED, 410, "It is gone.", deactivates=True)
+LATER = DeliveryAttempt(values.DeliveryState.PENDING, 500, "It answered 500.", 3_600_000)
 GATE = make_report(GateVerdict.NEW)
 
 
@@ -59,12 +49,12 @@ def outbox(store: Store) -> Outbox:
     return Outbox(store.database)
 
 
-def add(store: Store, *events: WebhookEvent) -> Webhook:
+def add(store: Store, *events: values.WebhookEvent) -> values.Webhook:
     """A webhook that is told of events, or of all of them."""
-    return hooks(store).create(WebhookRequest(URL, events or EVERY_EVENT), SECRET)
+    return hooks(store).create(values.WebhookRequest(URL, events or values.EVERY_EVENT), SECRET)
 
 
-def queued(store: Store, webhook: Webhook) -> list[WebhookDelivery]:
+def queued(store: Store, webhook: values.Webhook) -> list[values.WebhookDelivery]:
     """The last deliveries of a webhook, oldest first, once all events were read."""
     queue_messages(store, outbox(store))
     return [*hooks(store).get(webhook.id).deliveries][::-1]
@@ -84,7 +74,7 @@ def taken(store: Store, lease_s: float = LONG_S) -> ClaimedDelivery:
     return found
 
 
-def deliver(store: Store, webhook: Webhook) -> list[dict[str, Any]]:
+def deliver(store: Store, webhook: values.Webhook) -> list[dict[str, Any]]:
     """Deliver all that is due, and return what a webhook got."""
     payloads = []
     while (found := claim(store)) is not None:
@@ -96,7 +86,7 @@ def deliver(store: Store, webhook: Webhook) -> list[dict[str, Any]]:
     return [json.loads(each) for each in payloads]
 
 
-def deactivate(store: Store, webhook: Webhook) -> None:
+def deactivate(store: Store, webhook: values.Webhook) -> None:
     """As if the receiver had answered a test event with 410 Gone."""
     hooks(store).test(webhook.id)
     expect(
@@ -107,8 +97,8 @@ def deactivate(store: Store, webhook: Webhook) -> None:
 
 def tells_of_the_end_of_a_campaign(store: Store) -> None:
     """Each end of a campaign is told once, to those who are told of such events."""
-    first, second = add(store), add(store, WebhookEvent.CAMPAIGN_ENDED)
-    others, silent = add(store, WebhookEvent.GATE_FAILED), add(store)
+    first, second = add(store), add(store, values.WebhookEvent.CAMPAIGN_ENDED)
+    others, silent = add(store, values.WebhookEvent.GATE_FAILED), add(store)
     deactivate(store, silent)
     done, stopped, dead = (running(store) for _ in range(3))
     equal(queued(store, first), [], "Deliveries before an end")
@@ -267,8 +257,8 @@ def claims_one_at_a_time(store: Store) -> None:
         [(each.id, each.state, each.status) for each in webhook.deliveries]
         for webhook in hooks(store).page(10).items
     ]
-    waiting = DeliveryState.PENDING, None
-    delivered = oldest.id, DeliveryState.DELIVERED, 204
+    waiting = values.DeliveryState.PENDING, None
+    delivered = oldest.id, values.DeliveryState.DELIVERED, 204
     equal(
         listed,
         [[(elsewhere.id, *waiting)], [(newer.id, *waiting), delivered]],
@@ -287,8 +277,8 @@ def delivers_again_what_was_lost(store: Store) -> None:
         not outbox(store).conclude(lost, DELIVERED, now_ms()),
         "The claim was lost.",
     )
-    equal(queued(store, webhook)[0].state, DeliveryState.PENDING, "State")
-    failed = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 5_000)
+    equal(queued(store, webhook)[0].state, values.DeliveryState.PENDING, "State")
+    failed = DeliveryAttempt(values.DeliveryState.PENDING, 500, "It answered 500.", 5_000)
     at_ms = now_ms()
     expect(
         outbox(store).conclude(again, failed, at_ms),
@@ -323,13 +313,13 @@ def deactivates_with_the_outcome(store: Store) -> None:
 def lists_the_last_deliveries(store: Store) -> None:
     """A webhook is shown with its newest ten deliveries; nothing is due once all have ended."""
     webhook, other = add(store), add(store)
-    made = [hooks(store).test(webhook.id) for _ in range(LAST_DELIVERIES + 2)]
+    made = [hooks(store).test(webhook.id) for _ in range(values.LAST_DELIVERIES + 2)]
     equal(queued(store, webhook), made[2:], "The last deliveries")
     equal(queued(store, other), [], "Deliveries of another one")
     equal(len(deliver(store, webhook)), len(made), "Deliveries that were made")
     equal(outbox(store).has_due(now_ms()), False, "Nothing is due")
     ended = {(each.state, each.status, each.attempts) for each in queued(store, webhook)}
-    equal(ended, {(DeliveryState.DELIVERED, 204, 1)}, "Their outcome")
+    equal(ended, {(values.DeliveryState.DELIVERED, 204, 1)}, "Their outcome")
 
 
 def removes_webhooks(store: Store) -> None:
@@ -350,7 +340,7 @@ def removes_webhooks(store: Store) -> None:
 
 def bounds_the_number_of_webhooks(store: Store) -> None:
     """More than 50 are refused."""
-    for _ in range(MAX_WEBHOOKS):
+    for _ in range(values.MAX_WEBHOOKS):
         add(store)
     with expect_error(Conflict, "One too many."):
         add(store)

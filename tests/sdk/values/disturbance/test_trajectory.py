@@ -8,20 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from eigenfail.values import episode
 from eigenfail.values.disturbance import (
     TRAJECTORIES_AT_A_TIME,
     Conversion,
     DisturbanceModel,
     NoiseTrajectory,
     sum_log_densities,
-)
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    PriorSource,
-    unrunnable,
 )
 from eigenfail.values.shapes import Correlated, HeavyTailed, Shape, White
 from eigenfail.wire import messages
@@ -152,9 +145,11 @@ def test_numbers_that_no_worker_should_send_raise_nothing(wild: float, shape: Sh
     assert not noise.log_probability > 0.0
 
 
-def result(shape: Shape) -> EpisodeResult:
+def result(shape: Shape) -> episode.EpisodeResult:
     z = np.random.default_rng(0).standard_normal((5, 2)).astype(np.float32)
-    lost = unrunnable(EpisodeTask(0, 1, PriorSource()), EpisodeFault("input", "test"))
+    lost = episode.unrunnable(
+        episode.EpisodeTask(0, 1, episode.PriorSource()), episode.EpisodeFault("input", "test")
+    )
     return msgspec.structs.replace(lost, steps=5, noise=NoiseTrajectory(z, sigmas(z), shape))
 
 
@@ -167,6 +162,6 @@ def test_the_shape_travels_with_the_noise_and_with_the_setup(shape: Shape) -> No
     assert arrived.noise.log_probability == sent.noise.log_probability
     assert arrived.noise.injected.tobytes() == sent.noise.injected.tobytes()
     model = DisturbanceModel(scale=2.0, shape=shape)
-    setup = EpisodeSetup("highway", "cut_in", {}, "idm", {}, model)
+    setup = episode.EpisodeSetup("highway", "cut_in", {}, "idm", {}, model)
     read = messages.read_hub_message(messages.encode(messages.Setup(7, setup)))
     assert read.setup == setup

@@ -20,7 +20,7 @@ IN_CORRIDOR = {
     "ast": (100, {**SMALL_AST, "hold": 4}),
     "cma": (400, {"hold": 4}),
     "cem": (400, {}),
-    "difs": (300, {"first_steps": 500, "steps": 200, "width": 32}),
+    "difs": (300, {"first_steps": 100, "steps": 40, "width": 32}),
     "subset": (2000, {}),
 }
 
@@ -57,7 +57,7 @@ def test_subset_sees_both_corners_and_tells_their_probability(search):
 
 def test_difs_sees_both_corners(search):
     """Of the seeds 3060 to 3079 it does so from 16: from the others one corner falls behind."""
-    _, results = search(TwoModes(), "difs", 300, 3032, first_steps=500, steps=200)
+    _, results = search(TwoModes(), "difs", 300, 3032, first_steps=100, steps=40)
     assert failure_rate(results) >= 30_000 * TwoModes.probability
     assert 0.2 < sides(results) < 0.8
 
