@@ -9,12 +9,7 @@ from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.testing.examples import collision, result
 from eigenfail.values.episode import episode_seed
 from eigenfail.values.variation import read_variation
-<<<<<<< HEAD:plugins/eigenfail-failing-region/tests/test_campaigns.py
 from eigenfail_failing_region.campaigns import find_region, make_columns
-from eigenfail_services.store import open_store
-=======
-from eigenfail_services.comparison.region import find_region, make_columns
->>>>>>> Q2:tests/services/comparison/test_region.py
 
 VARIED = {"distance_m": {"uniform": [52.0, 70.0]}, "ego_speed_mps": {"choice": [22.0, 25.0]}}
 EPISODES = 300

@@ -132,11 +132,7 @@ def test_changes_go_over_settings_but_not_over_those_of_another_plug_in() -> Non
 
 def test_a_clone_is_checked() -> None:
     with pytest.raises(InvalidValue):
-<<<<<<< HEAD
-        clone(CampaignSpec(**FIELDS), {"episodes": 0})
-=======
-        drafts.clone(CampaignSpec(**FIELDS), {"episodes": 0}, store)
->>>>>>> Q2
+        drafts.clone(CampaignSpec(**FIELDS), {"episodes": 0})
 
 
 def test_only_what_has_ended_and_learns_can_be_built_upon(store: Store) -> None:

@@ -9,19 +9,6 @@ from eigenfail.contracts import LockstepEngine
 from eigenfail.errors import InvalidValue
 from eigenfail.values import episode
 from eigenfail.values.disturbance import DisturbanceModel
-<<<<<<< HEAD
-from eigenfail.values.episode import (
-    EpisodeSetup,
-    EpisodeTask,
-    Outcome,
-    PolicySource,
-    PriorSource,
-    TrajectorySource,
-    episode_seed,
-)
-=======
-from eigenfail_workers.bridge.messages import PROTOCOLS
->>>>>>> Q2
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.engines import make_engine
 
@@ -51,16 +38,8 @@ def find_expected(planner: str) -> list[str]:
 
 
 @pytest.mark.parametrize("planner", ["idm", "rulebook"])
-<<<<<<< HEAD
 def test_episodes_are_those_of_the_same_world_built_in(planner, serving, on_bridge) -> None:
-    expected = [each.digest() for each in built_in(planner).run(tasks(24))]
     with serving() as address:
-=======
-def test_episodes_are_those_of_the_same_world_built_in(
-    planner, protocol, serving, on_bridge
-) -> None:
-    with serving(protocol=protocol) as address:
->>>>>>> Q2
         engine = on_bridge(address, planner, disturbance=NOISY)
         results = list(engine.run(tasks(24)))
     assert [each.digest() for each in results] == find_expected(planner)

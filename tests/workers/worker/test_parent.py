@@ -132,18 +132,6 @@ def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent
     assert hub.hear(messages.Results).results[0].outcome is not Outcome.ERRORED
 
 
-<<<<<<< HEAD
-=======
-@pytest.mark.parametrize("planner", ["test_raises", "test_returns_none", "test_returns_nan"])
-def test_a_bad_planner_fails_its_episodes_and_nothing_else(hub, parent, planner) -> None:
-    pid = os.getpid()
-    hub.say(setup(planner), lease(0, 1))
-    faults = [hub.hear(messages.Results).results[0].fault for _ in range(2)]
-    assert {fault.kind for fault in faults} == {"planner"}
-    assert os.getpid() == pid
-
-
->>>>>>> Q2
 def test_an_unknown_planner_fails_its_episodes_with_the_known_names(hub, parent) -> None:
     hub.say(setup("rulebok"), lease(0))
     fault = hub.hear(messages.Results).results[0].fault
