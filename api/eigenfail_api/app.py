@@ -30,17 +30,11 @@ from eigenfail_api.dashboard import (
     mode_page,
     overview_page,
     release_page,
+    rendering,
     replay_page,
     search_page,
     suites_page,
     workers_page,
-)
-from eigenfail_api.dashboard.rendering import (
-    STATIC,
-    Assets,
-    ForeignLinks,
-    LinkMiddleware,
-    wrap_for_browsers,
 )
 from eigenfail_api.extensions import Extension, load_extensions
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
@@ -162,7 +156,7 @@ def create_app(
         docs_url=None,
         redoc_url=None,
         default_response_class=parameters.Json,
-        exception_handlers=wrap_for_browsers(HANDLERS),
+        exception_handlers=rendering.wrap_for_browsers(HANDLERS),
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.store = store
@@ -173,7 +167,7 @@ def create_app(
     app.state.registry = CollectorRegistry()
     app.state.registry.register(operations.CampaignCollector(store))
     app.router.routes.extend(_included_routers(installed))
-    app.mount("/static", Assets(directory=STATIC), name="static")
+    app.mount("/static", rendering.Assets(directory=rendering.STATIC), name="static")
     app.openapi = lambda: openapi.build_document(app)  # type: ignore[method-assign]  # FastAPI's own way
     # The middleware added last sees a request first.
     # Inside of RequestCounter, which would count a client who has gone as an error of the service.
@@ -191,11 +185,11 @@ def create_app(
     app.add_middleware(
         AuthMiddleware, authenticator=app.state.authenticator, store=store, rules=tuple(rules)
     )
-    links = ForeignLinks(
+    links = rendering.ForeignLinks(
         navigation=tuple(entry for each in installed for entry in each.navigation),
         campaign_files=tuple(file for each in installed for file in each.campaign_files),
     )
-    app.add_middleware(LinkMiddleware, links=links)
+    app.add_middleware(rendering.LinkMiddleware, links=links)
     app.add_middleware(OriginGuard, hosts=settings.names)
     app.add_middleware(operations.RequestCounter, registry=app.state.registry)
     # Outside of everything that refuses requests, so that refusals have the headers, too.

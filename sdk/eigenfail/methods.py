@@ -10,16 +10,9 @@ from eigenfail import plugins
 from eigenfail.contracts import MethodTraits, Paced
 from eigenfail.errors import EigenfailError
 from eigenfail.settings import read_settings
+from eigenfail.values import learning
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.learning import (
-    IN_FLIGHT,
-    MOST_OPEN_ROUNDS,
-    OPEN_GROUPS,
-    RoundSizes,
-    choose_group_size,
-    count_rounds_ahead,
-)
 
 ROUND_SIZE = "round_size"
 """A setting that methods without `round_sizes` are taken to keep to."""
@@ -63,17 +56,17 @@ class MethodDescription(msgspec.Struct, frozen=True):
         """
         return read_settings(self.settings_type, dict(given), field)
 
-    def find_round_sizes(self, settings: Any, episodes: int) -> RoundSizes | None:
+    def find_round_sizes(self, settings: Any, episodes: int) -> learning.RoundSizes | None:
         """Return how large its rounds are; None if neither the method nor a setting says."""
         if isinstance(self.plugin, Paced):
             return self.plugin.round_sizes(settings, episodes)
         size = getattr(settings, ROUND_SIZE, None)
-        return None if size is None else RoundSizes(size, size, ROUND_SIZE)
+        return None if size is None else learning.RoundSizes(size, size, ROUND_SIZE)
 
     def count_rounds_ahead(self, parallel: int | None, round_size: int) -> int:
         """Return how many rounds are open besides the oldest one, without rules on results."""
         wanted = parallel if self.traits.tolerates_delay else None
-        return count_rounds_ahead(wanted, round_size, self.lookahead)
+        return learning.count_rounds_ahead(wanted, round_size, self.lookahead)
 
 
 def describe_method(name: str) -> MethodDescription:
@@ -116,16 +109,18 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
     return min(_count_open(description, sizes, spec.parallel), spec.episodes)
 
 
-def _count_open(description: MethodDescription, sizes: RoundSizes, parallel: int | None) -> int:
+def _count_open(
+    description: MethodDescription, sizes: learning.RoundSizes, parallel: int | None
+) -> int:
     if sizes.width is None:
         # The oldest round, and those that are open besides it.
         return sizes.later * (1 + description.count_rounds_ahead(parallel, sizes.later))
     if parallel is None:
         return sizes.width
-    return min(OPEN_GROUPS * choose_group_size(parallel), sizes.width)
+    return min(learning.OPEN_GROUPS * learning.choose_group_size(parallel), sizes.width)
 
 
-def _find_sizes(description: MethodDescription, spec: CampaignSpec) -> RoundSizes | None:
+def _find_sizes(description: MethodDescription, spec: CampaignSpec) -> learning.RoundSizes | None:
     settings = description.read_settings(spec.settings, "settings")
     return description.find_round_sizes(settings, spec.episodes)
 
@@ -177,10 +172,10 @@ def _advise_parallel(spec: CampaignSpec, workers: int) -> str:
     width = sizes.width if sizes else None
     if not description.traits.tolerates_delay or (width is not None and width < workers):
         return "run several seeds side by side: eigenfail run --seeds N"
-    if spec.episodes <= IN_FLIGHT * workers:
+    if spec.episodes <= learning.IN_FLIGHT * workers:
         return "it has too few episodes for all of them"
     advice = f"to use all of them, launch it with parallel = {workers}"
-    smallest = ceil(IN_FLIGHT * workers / MOST_OPEN_ROUNDS)
+    smallest = ceil(learning.IN_FLIGHT * workers / learning.MOST_OPEN_ROUNDS)
     if sizes and sizes.later < smallest:
         return f"{advice} and {sizes.setting} {smallest} or more"
     return advice

@@ -11,15 +11,9 @@ import numpy as np
 from eigenfail import functions, plugins, processes
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.process_state import ProcessState
+from eigenfail.values import episode
 from eigenfail.values.arrays import encode_array
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.episode import (
-    EpisodeResult,
-    EpisodeTask,
-    Outcome,
-    PriorSource,
-    TrajectorySource,
-)
 from eigenfail.values.operations import DRAWN_AGAIN
 from eigenfail.values.proof import ExplainedEpisode, Replayed
 from eigenfail.values.records import EpisodeRow
@@ -51,13 +45,13 @@ class ReplayQuestion(msgspec.Struct, frozen=True, eq=False, tag=True):
     """Episodes of one campaign to run one after the other."""
 
     spec: CampaignSpec
-    tasks: tuple[EpisodeTask, ...]
+    tasks: tuple[episode.EpisodeTask, ...]
 
 
 class ReplayedOutcome(msgspec.Struct, frozen=True):
     """Outcome of a replay; `problem` says why it errored, and is empty otherwise."""
 
-    outcome: Outcome
+    outcome: episode.Outcome
     digest: str
     problem: str = ""
 
@@ -69,7 +63,7 @@ _answers = msgspec.msgpack.Decoder(list[ReplayedOutcome])
 
 
 def replay_in_process(
-    spec: CampaignSpec, tasks: Sequence[EpisodeTask]
+    spec: CampaignSpec, tasks: Sequence[episode.EpisodeTask]
 ) -> Iterator[ReplayedOutcome | ServiceError]:
     """Run episodes of one campaign in processes that run no other campaign.
 
@@ -93,7 +87,7 @@ def replay_in_process(
 
 
 def _ask_process(
-    spec: CampaignSpec, tasks: Sequence[EpisodeTask]
+    spec: CampaignSpec, tasks: Sequence[episode.EpisodeTask]
 ) -> Sequence[ReplayedOutcome | ServiceError]:
     question = _encoder.encode(ReplayQuestion(spec, tuple(tasks)))
     try:
@@ -124,7 +118,7 @@ def answer_replays(question: ReplayQuestion) -> bytes:
     return _encoder.encode(outcomes)
 
 
-def replay_episode(spec: CampaignSpec, stored: EpisodeResult) -> Replayed:
+def replay_episode(spec: CampaignSpec, stored: episode.EpisodeResult) -> Replayed:
     """Inject the stored noise again, with the campaign's planner, scenario and simulator.
 
     Raises:
@@ -152,7 +146,7 @@ def redraw_episode(spec: CampaignSpec, row: EpisodeRow) -> Replayed:
     return _find_unsteadiness(run, again, _compare(row.index, (row.outcome, row.digest), again))
 
 
-def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
+def run_once(spec: CampaignSpec, task: episode.EpisodeTask) -> episode.EpisodeResult:
     """Run an episode in this process.
 
     Raises:
@@ -165,13 +159,15 @@ def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
     # With its scene, which tells where two courses part; a digest does not cover it.
     engine = load_engine()(msgspec.structs.replace(spec.setup(), scene_every=1))
     try:
-        result: EpisodeResult = next(iter(engine.run([task])))
+        result: episode.EpisodeResult = next(iter(engine.run([task])))
     finally:
         engine.close()
     return result
 
 
-def explain_episode(spec: CampaignSpec, stored: EpisodeResult) -> tuple[Replayed, ExplainedEpisode]:
+def explain_episode(
+    spec: CampaignSpec, stored: episode.EpisodeResult
+) -> tuple[Replayed, ExplainedEpisode]:
     """Run an episode again with its stored noise, with the planner's account of each step.
 
     Raises:
@@ -189,7 +185,7 @@ def explain_episode(spec: CampaignSpec, stored: EpisodeResult) -> tuple[Replayed
 
 
 def _find_unsteadiness(
-    run: Callable[[], EpisodeResult], again: EpisodeResult, replayed: Replayed
+    run: Callable[[], episode.EpisodeResult], again: episode.EpisodeResult, replayed: Replayed
 ) -> Replayed:
     """Return a replay that differs with how a second one differs from it, if it does.
 
@@ -205,7 +201,7 @@ def _find_unsteadiness(
     return replayed
 
 
-def describe_change(one: EpisodeResult, other: EpisodeResult) -> str:
+def describe_change(one: episode.EpisodeResult, other: episode.EpisodeResult) -> str:
     """Return how two episodes of the same noise differ."""
     phrases = []
     if one.outcome is not other.outcome:
@@ -221,7 +217,7 @@ def describe_change(one: EpisodeResult, other: EpisodeResult) -> str:
     return ", ".join(phrases) or "the same course, and other measures"
 
 
-def _find_first_difference(one: EpisodeResult, other: EpisodeResult) -> int | None:
+def _find_first_difference(one: episode.EpisodeResult, other: episode.EpisodeResult) -> int | None:
     """Return the first step that two courses show differently; None if they show none."""
     if one.scene is None or other.scene is None:
         return None
@@ -235,17 +231,19 @@ def _find_first_difference(one: EpisodeResult, other: EpisodeResult) -> int | No
     return None
 
 
-def make_replay_task(stored: EpisodeResult) -> EpisodeTask:
+def make_replay_task(stored: episode.EpisodeResult) -> episode.EpisodeTask:
     """Return the task that runs a stored episode with its noise."""
-    return EpisodeTask(stored.index, stored.seed, TrajectorySource(stored.noise.z))
+    return episode.EpisodeTask(stored.index, stored.seed, episode.TrajectorySource(stored.noise.z))
 
 
-def compare_results(stored: EpisodeResult, again: EpisodeResult) -> Replayed:
+def compare_results(stored: episode.EpisodeResult, again: episode.EpisodeResult) -> Replayed:
     """Compare two results by their digests."""
     return _compare(stored.index, (stored.outcome, stored.digest()), again)
 
 
-def _compare(index: int, stored: tuple[Outcome, str], again: EpisodeResult) -> Replayed:
+def _compare(
+    index: int, stored: tuple[episode.Outcome, str], again: episode.EpisodeResult
+) -> Replayed:
     outcome, digest = stored
     return Replayed(
         index=index,
@@ -257,9 +255,9 @@ def _compare(index: int, stored: tuple[Outcome, str], again: EpisodeResult) -> R
     )
 
 
-def make_redraw_task(index: int, seed: int) -> EpisodeTask:
+def make_redraw_task(index: int, seed: int) -> episode.EpisodeTask:
     """Return the task that draws the noise of an episode again from its seed."""
-    return EpisodeTask(index, seed, PriorSource())
+    return episode.EpisodeTask(index, seed, episode.PriorSource())
 
 
 def load_engine() -> Any:

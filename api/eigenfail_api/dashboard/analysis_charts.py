@@ -9,21 +9,13 @@ from eigenfail.presentation.figures import UNKNOWN, format_number, format_share
 from eigenfail.presentation.tables import Table, read_number, read_text
 from eigenfail.values.analysis import AnalysisResult, Moment, TrainingInterval
 from eigenfail.values.arrays import Floats
-from eigenfail_api.dashboard.charts import (
-    ChannelPlot,
-    Chart,
-    Row,
-    list_rows,
-    round_rows,
-    round_values,
-    tabulate_first,
-)
+from eigenfail_api.dashboard import charts
 
 MOST_POINTS = 5_000
 GREATEST = "the greatest influence"
 
 
-def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
+def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[charts.Chart, ...]:
     """Return the charts that show how the modes of an analysis differ."""
     return (
         make_eigenfailure_chart(result),
@@ -32,7 +24,7 @@ def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]
     )
 
 
-def make_detail_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def make_detail_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     """Return the charts of the components of an analysis, of influence and of training."""
     return (
         make_explained_chart(result),
@@ -41,14 +33,14 @@ def make_detail_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     )
 
 
-def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def make_behaviour_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     """Return the chart of the ego's acceleration in each mode; none where it is not known."""
     behaviour, noun = result.behaviour, result.cluster_noun
     if behaviour is None:
         return ()
     event = "collision" if behaviour.origin == "collision" else "start"
     means = [mode.mean for mode in behaviour.modes]
-    chart = Chart(
+    chart = charts.Chart(
         id="behaviour-chart",
         kind="behaviour",
         title="Acceleration of the ego",
@@ -59,11 +51,11 @@ def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
             "event": event,
             "times": list_floats(behaviour.times_s),
             "modes": [
-                {"mean": list_floats(mode.mean), "members": round_rows(mode.members)}
+                {"mean": list_floats(mode.mean), "members": charts.round_rows(mode.members)}
                 for mode in behaviour.modes
             ],
         },
-        table=list_rows(
+        table=charts.list_rows(
             (f"Time from the {event} [s]", *_number_modes(result, len(means))),
             (tuple(map(float, row)) for row in zip(behaviour.times_s, *means, strict=True)),
         ),
@@ -75,7 +67,7 @@ def _number_modes(result: AnalysisResult, count: int) -> list[str]:
     return [f"{result.cluster_noun.capitalize()} {place + 1}" for place in range(count)]
 
 
-def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
+def make_eigenfailure_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of each mode's eigenfailure with its band."""
     names, channels = _number_modes(result, len(result.modes)), result.channels
     bands = [mode.band for mode in result.modes if mode.band is not None]
@@ -107,13 +99,13 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
 
     in_words = f"Centre of the noise of each {result.cluster_noun} over time [sigma], by channel."
     more = " Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""
-    plot = ChannelPlot(channels, result.influence, draw, tabulate)
+    plot = charts.ChannelPlot(channels, result.influence, draw, tabulate)
     return plot.make_chart(
         "eigenfailure-chart", "eigenfailures", "Eigenfailures", f"{in_words}{more}", GREATEST
     )
 
 
-def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
+def make_scores_chart(result: AnalysisResult, campaign: int) -> charts.Chart:
     """Return the chart of failures in PCA space, of `campaign` unless the result names others."""
     chosen = pick_evenly(len(result.episodes), MOST_POINTS)
     # With a single component both axes show it, so that the chart is a diagonal and no error.
@@ -121,7 +113,7 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
     owners = result.campaigns or (campaign,) * len(result.episodes)
     names = [f"{owner}/{index}" for owner, index in zip(owners, result.episodes, strict=True)]
     x, y = (result.scores[:, way] for way in (0, second))
-    return Chart(
+    return charts.Chart(
         id="scores-chart",
         kind="scores",
         title="Failures in PCA space",
@@ -135,7 +127,7 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
             "y": list_floats(y[chosen]),
             "centres": [list_floats(mode.centre[[0, second]]) for mode in result.modes],
         },
-        table=tabulate_first(
+        table=charts.tabulate_first(
             chosen,
             read_text("Episode", lambda row: names[row]),
             read_text(result.cluster_noun.capitalize(), lambda row: str(result.labels[row] + 1)),
@@ -145,11 +137,11 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
     )
 
 
-def make_explained_chart(result: AnalysisResult) -> Chart:
+def make_explained_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of the variance that each component explains."""
     cumulated = np.cumsum(result.explained)
     shares = zip(map(float, result.explained), map(float, cumulated), strict=True)
-    return Chart(
+    return charts.Chart(
         id="explained-chart",
         kind="explained",
         title="Explained variance",
@@ -158,14 +150,14 @@ def make_explained_chart(result: AnalysisResult) -> Chart:
             "share": list_floats(100.0 * result.explained),
             "cumulated": list_floats(100.0 * cumulated),
         },
-        table=list_rows(
+        table=charts.list_rows(
             ("Component", "Share", "Cumulated"),
             ((str(place), *map(format_share, pair)) for place, pair in enumerate(shares, start=1)),
         ),
     )
 
 
-def make_influence_chart(result: AnalysisResult) -> Chart:
+def make_influence_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of the influence of noise over time."""
     channels, influence = result.channels, result.influence
 
@@ -182,7 +174,7 @@ def make_influence_chart(result: AnalysisResult) -> Chart:
         "Steps at which the noise of the failures differs: components weighted by explained "
         "variance. A difference is not yet a cause. Marks: the moments of greatest influence."
     )
-    plot = ChannelPlot(channels, influence, draw, tabulate)
+    plot = charts.ChannelPlot(channels, influence, draw, tabulate)
     return plot.make_chart("influence-chart", "influence", "Influence over time", caption, GREATEST)
 
 
@@ -195,8 +187,8 @@ def draw_moment(found: Moment) -> dict[str, object]:
 
 def tabulate_steps(titles: Iterable[str], values: Floats) -> Table:
     """Return a table of the values: a row for each step, a column for each title."""
-    rows: Iterable[Row] = ((str(step), *map(float, row)) for step, row in enumerate(values))
-    return list_rows(("Step", *titles), rows)
+    rows: Iterable[charts.Row] = ((str(step), *map(float, row)) for step, row in enumerate(values))
+    return charts.list_rows(("Step", *titles), rows)
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
@@ -208,7 +200,7 @@ def pick_evenly(count: int, most: int) -> list[int]:
 
 def list_floats(values: Iterable[np.floating]) -> list[float | None]:
     """Return an array as plain floats; None for values that are not finite."""
-    return round_values(float(value) for value in values)
+    return charts.round_values(float(value) for value in values)
 
 
 MOST_STEPS = 200
@@ -219,7 +211,7 @@ DIGITS = 3
 Lines = Callable[[TrainingInterval], Iterable[Floats]]
 
 
-def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     """Return the charts over the training; none for results of older releases."""
     intervals = result.training
     if not intervals:
@@ -241,14 +233,14 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     def draw_components(ways: Sequence[int]) -> dict[str, object]:
         return make_ridges(result, ways, names, lambda each: each.components, unit="")
 
-    means = ChannelPlot(result.channels, result.influence, draw_means, tabulate_means)
+    means = charts.ChannelPlot(result.channels, result.influence, draw_means, tabulate_means)
     # Components have a row each for all channels together: a table of more channels is the same.
-    table = list_rows(
+    table = charts.list_rows(
         ("Episodes", "Failures", "Component", "Explained", "Likeness"),
         (row for each in intervals for row in list_component_rows(each)),
         "By interval; single steps are in the API.",
     )
-    components = ChannelPlot(
+    components = charts.ChannelPlot(
         result.channels,
         result.influence,
         draw_components,
@@ -275,11 +267,11 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     )
 
 
-def list_component_rows(interval: TrainingInterval) -> list[Row]:
+def list_component_rows(interval: TrainingInterval) -> list[charts.Row]:
     """Return a row for each component; with dashes for a missing component."""
     head = (format_span(interval), interval.failures)
     found = zip(interval.explained, interval.likeness, strict=True)
-    rows: list[Row] = [
+    rows: list[charts.Row] = [
         (*head, str(place), format_share(float(share)), float(likeness))
         for place, (share, likeness) in enumerate(found, start=1)
     ]

@@ -3,21 +3,13 @@
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation import campaigns
+from eigenfail.presentation import campaigns, tables
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
     format_count,
     format_number,
     format_usd,
-)
-from eigenfail.presentation.tables import (
-    FormattedCell,
-    Table,
-    format_cost,
-    read_number,
-    read_text,
-    tabulate,
 )
 from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.records import IN_WORDS
@@ -57,10 +49,10 @@ def make_scatter_chart(scatter: Scatter) -> Chart:
         },
         table=tabulate_first(
             points,
-            read_text("Episode", lambda point: str(point.index)),
-            read_number("log p per step", "log_probability_per_step"),
-            read_number("Severity", "severity", "m²/s²"),
-            read_text("Class", describe_kind),
+            tables.read_text("Episode", lambda point: str(point.index)),
+            tables.read_number("log p per step", "log_probability_per_step"),
+            tables.read_number("Severity", "severity", "m²/s²"),
+            tables.read_text("Class", describe_kind),
         ),
     )
 
@@ -84,7 +76,7 @@ def make_cost_tiles(found: CampaignCost) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of total cost and of cost per failure."""
     hours = f"{format_number(found.cost.instance_hours)} instance-hours"
     price = f"at {format_usd(found.price_usd_per_hour)} USD/h × {found.instances}"
-    each, failures = format_cost(found.cost), count_noun(found.failures, "failure")
+    each, failures = tables.format_cost(found.cost), count_noun(found.failures, "failure")
     of_mode = Tile(UNKNOWN, ("no distinct modes found",))
     if found.modes is not None:
         modes = count_noun(found.modes, "distinct mode")
@@ -109,14 +101,14 @@ def make_curve_chart(found: CampaignCost) -> Chart:
             "failures": [point.failures for point in points],
             "modes": [point.modes for point in points] if known else None,
         },
-        table=tabulate(
+        table=tables.tabulate(
             "",
             points,
-            read_text("USD", lambda point: format_usd(point.usd)),
-            read_number("Active", "active_s", "s"),
-            read_number("Episodes", "completed"),
-            read_number("Failures", "failures"),
-            read_number("Modes", "modes"),
+            tables.read_text("USD", lambda point: format_usd(point.usd)),
+            tables.read_number("Active", "active_s", "s"),
+            tables.read_number("Episodes", "completed"),
+            tables.read_number("Failures", "failures"),
+            tables.read_number("Modes", "modes"),
         ),
     )
 
@@ -134,7 +126,7 @@ def list_time(time: TimeSplit) -> tuple[tuple[str, str, float, float], ...]:
 
 
 def make_measures_view(
-    campaign: Campaign, safety: Safety, cost: CampaignCost, workers: Table
+    campaign: Campaign, safety: Safety, cost: CampaignCost, workers: tables.Table
 ) -> dict[str, object]:
     """Return what the page shows, without parts that have no values."""
     some, has_road = safety.completed > 0, world_of(campaign.spec.simulator).has_road
@@ -182,8 +174,8 @@ def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     return page("measures.html", read_measures(seen, figures))
 
 
-def _make_time_cell(at_ms: int) -> FormattedCell:
-    return FormattedCell(write_time(at_ms))
+def _make_time_cell(at_ms: int) -> tables.FormattedCell:
+    return tables.FormattedCell(write_time(at_ms))
 
 
 def read_measures(campaign: Campaign, found: CampaignFigures) -> dict[str, object]:

@@ -16,18 +16,11 @@ from eigenfail.filters import SortOrder, parse_sort
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import format_cell
 from eigenfail.settings import refuse_hidden
+from eigenfail.values import triage
 from eigenfail.values.analysis import LONGEST_MODE_NAME, Analysis, Mode
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.proof import Proof
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.triage import (
-    LONGEST_NOTE,
-    LONGEST_TICKET,
-    Triage,
-    TriageChange,
-    TriageState,
-    check_change,
-)
 from eigenfail.wire.http import read_fields
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.access.change_details import record_form
@@ -79,9 +72,9 @@ def make_mode_view(
         "newer": None if newest == analysis.id else newest,
         "has_animation": world.has_road and ANIMATION in list_formats(),
         "triage": store.analyses.get_triage(analysis.id, mode.number),
-        "triage_states": tuple(TriageState),
-        "longest_ticket": LONGEST_TICKET,
-        "longest_note": LONGEST_NOTE,
+        "triage_states": tuple(triage.TriageState),
+        "longest_ticket": triage.LONGEST_TICKET,
+        "longest_note": triage.LONGEST_NOTE,
         "longest_name": LONGEST_MODE_NAME,
     }
 
@@ -167,14 +160,14 @@ async def read_triage_form(request: Request) -> dict[str, str]:
 Form = Annotated[dict[str, str], Depends(read_triage_form)]
 
 
-def read_change(form: Mapping[str, str]) -> TriageChange:
+def read_change(form: Mapping[str, str]) -> triage.TriageChange:
     """Return the change of a form that shows the whole triage.
 
     Raises:
         InvalidValue: a value is outside its bounds.
     """
-    given = {name: form.get(name) for name in TriageChange.__struct_fields__}
-    return check_change(read_fields(given, TriageChange))
+    given = {name: form.get(name) for name in triage.TriageChange.__struct_fields__}
+    return triage.check_change(read_fields(given, triage.TriageChange))
 
 
 def read_version(form: Mapping[str, str]) -> int | None:
@@ -200,7 +193,7 @@ def triage_mode(
 
     # Two users may have the page open: the later form must not overwrite a change that its user has
     # not seen.
-    def refuse_newer(found: Triage) -> None:
+    def refuse_newer(found: triage.Triage) -> None:
         if found.changed_ms != shown_ms:
             by = f", by {found.changed_by}" if found.changed_by else ""
             raise Conflict(

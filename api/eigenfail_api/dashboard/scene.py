@@ -19,11 +19,7 @@ from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.proof import ExplainedStep, Explanation
 from eigenfail.values.scene import UNKNOWN_KIND, Mission, Scene
 from eigenfail_api.dashboard import charts
-from eigenfail_services.analysis.footprints import (
-    find_struck,
-    measure_clearances,
-    measure_times_to_collision,
-)
+from eigenfail_services.analysis import footprints
 
 
 def list_jumps(result: EpisodeResult) -> list[NotableMoment]:
@@ -127,12 +123,12 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
 
     The smallest distance is the robustness, and the smallest time to collision is MinTTC.
     """
-    dt_s, ttc_s = scene.dt_s, measure_times_to_collision(scene)
+    dt_s, ttc_s = scene.dt_s, footprints.measure_times_to_collision(scene)
     end_s = dt_s * (len(scene.vehicles) - 1)
     # A far vehicle would flatten the part of the curve that matters.
     near_s = np.where(ttc_s <= LONGEST_TTC_S, ttc_s, nan)
     accelerations = scene.controls.reshape(-1, 2)[:, 0]
-    apart = measure_clearances(scene).min(axis=1)
+    apart = footprints.measure_clearances(scene).min(axis=1)
     courses = (
         ("Distance to the nearest vehicle", "m", apart, StripScale(0.0, 5.0)),
         ("Time to collision", "s", near_s, StripScale(0.0, 3.0)),
@@ -171,7 +167,7 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
 
 def find_nearest_moment(scene: Scene) -> float:
     """Return the time at which the ego was nearest to another vehicle [s]."""
-    return float(measure_clearances(scene).min(axis=1).argmin()) * scene.dt_s
+    return float(footprints.measure_clearances(scene).min(axis=1).argmin()) * scene.dt_s
 
 
 SCENE_COLUMNS = (
@@ -193,7 +189,7 @@ def make_scene_chart(
 ) -> charts.Chart:
     """Return the chart of the episode from above, with the moment at which it ended."""
     nearest = find_nearest_actors(scene)
-    apart = measure_clearances(scene).min(axis=1)
+    apart = footprints.measure_clearances(scene).min(axis=1)
     return charts.Chart(
         id=name,
         kind="player",
@@ -368,9 +364,11 @@ class _Failure:
         self.speed_mps = scene.vehicles[:, 0, 3].astype(np.float64)
         # An ego alone is apart from nothing.
         has_others = len(scene.sizes) > 1
-        apart_m = measure_clearances(scene) if has_others else np.empty((self.last + 1, 0))
+        apart_m = (
+            footprints.measure_clearances(scene) if has_others else np.empty((self.last + 1, 0))
+        )
         self.apart_m = apart_m.min(axis=1, initial=inf)
-        self.struck = find_struck(scene) if has_others else 0
+        self.struck = footprints.find_struck(scene) if has_others else 0
         self._scene = scene
 
     def list_values(self) -> dict[str, object]:

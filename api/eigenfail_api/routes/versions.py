@@ -9,17 +9,9 @@ from eigenfail.gate.results import GateResult, GateSummary, check_report
 from eigenfail.values.records import Page
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 from eigenfail.wire.http import PREFIX
+from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
-from eigenfail_api.parameters import (
-    LARGEST,
-    Before,
-    CampaignId,
-    Json,
-    Limit,
-    Stored,
-    body_of,
-)
 from eigenfail_services.comparison.releases import list_questions, make_release_table
 
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
@@ -31,20 +23,22 @@ Project = Annotated[str | None, Query(description="Only campaigns of this projec
 
 
 @router.get("/releases", dependencies=[RELEASES], **document_route(Page[ReleaseQuestion]))
-def list_releases(store: Stored, project: Project = None) -> Json:
+def list_releases(store: parameters.Stored, project: Project = None) -> parameters.Json:
     """List the scenarios in which versions of a planner were tested, the newest first."""
-    return Json(Page(list_questions(store, project)))
+    return parameters.Json(Page(list_questions(store, project)))
 
 
 @router.get("/releases/{campaign}", dependencies=[RELEASES], **document_route(ReleaseTable))
-def get_release_table(store: Stored, campaign: CampaignId) -> Json:
+def get_release_table(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get the versions tested as in a campaign, with what became of each failure mode."""
-    return Json(make_release_table(store, campaign))
+    return parameters.Json(make_release_table(store, campaign))
 
 
 gates_router = APIRouter(prefix=PREFIX, tags=["gates"])
 
-GateId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of the result of a gate.")]
+GateId = Annotated[
+    int, Path(ge=1, le=parameters.LARGEST, description="Id of the result of a gate.")
+]
 
 
 EXAMPLE = {
@@ -61,20 +55,24 @@ EXAMPLE = {
 
 
 @gates_router.post("/gates", **document_route(GateSummary, 201, body=GateReport, example=EXAMPLE))
-def record_gate(store: Stored, report: Annotated[GateReport, Depends(body_of(GateReport))]) -> Json:
+def record_gate(
+    store: parameters.Stored, report: Annotated[GateReport, Depends(parameters.body_of(GateReport))]
+) -> parameters.Json:
     """Store the report of a gate once, and log its verdict."""
     check_report(report)
     made = store.gates.record(report)
-    return Json(made, 201, {"Location": f"{PREFIX}/gates/{made.id}"})
+    return parameters.Json(made, 201, {"Location": f"{PREFIX}/gates/{made.id}"})
 
 
 @gates_router.get("/gates", **document_route(Page[GateSummary]))
-def list_gates(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+def list_gates(
+    store: parameters.Stored, limit: parameters.Limit = 50, before: parameters.Before = None
+) -> parameters.Json:
     """List the results of gates, newest first, without their reports."""
-    return Json(store.gates.page(limit, before))
+    return parameters.Json(store.gates.page(limit, before))
 
 
 @gates_router.get("/gates/{gate}", **document_route(GateResult))
-def get_gate(store: Stored, gate: GateId) -> Json:
+def get_gate(store: parameters.Stored, gate: GateId) -> parameters.Json:
     """Get the result of a gate, with its report."""
-    return Json(store.gates.get(gate))
+    return parameters.Json(store.gates.get(gate))

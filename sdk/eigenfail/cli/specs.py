@@ -10,14 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail import plugins, processes
-from eigenfail.bridges import (
-    ADDRESS_VARIABLE,
-    BridgeOffer,
-    BridgeQuestion,
-    OfferQuestion,
-    check_address,
-)
+from eigenfail import bridges, plugins, processes
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
@@ -124,15 +117,15 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
         InvalidValue: the address is not valid, or the scenario of the bridge has fewer steps, or
             steps of another duration.
     """
-    address = os.environ.get(ADDRESS_VARIABLE)
+    address = os.environ.get(bridges.ADDRESS_VARIABLE)
     on_bridge = [spec for spec in specs if world_of(spec.simulator).needs_bridge]
     if not (address and on_bridge):
         return
-    offer: BridgeOffer | None = None
-    question = OfferQuestion(check_address(address))
+    offer: bridges.BridgeOffer | None = None
+    question = bridges.OfferQuestion(bridges.check_address(address))
     with suppress(ServiceError):
         answer = ask_about_bridges(question, OFFER_TIMEOUT_S)
-        offer = msgspec.json.decode(answer, type=BridgeOffer | None)
+        offer = msgspec.json.decode(answer, type=bridges.BridgeOffer | None)
     # Its workers ask it when a campaign starts, and check the campaign then.
     if offer is None:
         return
@@ -141,7 +134,9 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
         world.check_offer(replace(spec, disturbance=world.resolve_disturbance(spec)), offer)
 
 
-def ask_about_bridges(question: BridgeQuestion, timeout_s: float = BRIDGE_TIMEOUT_S) -> bytes:
+def ask_about_bridges(
+    question: bridges.BridgeQuestion, timeout_s: float = BRIDGE_TIMEOUT_S
+) -> bytes:
     """Return the answer of a separate process with the libraries for bridges, as JSON.
 
     Raises:

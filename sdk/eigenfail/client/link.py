@@ -15,17 +15,8 @@ from uuid import uuid4
 import httpx2
 import msgspec
 
-from eigenfail import __version__
+from eigenfail import __version__, errors
 from eigenfail.addresses import is_loopback
-from eigenfail.errors import (
-    EigenfailError,
-    InvalidValue,
-    ProtocolError,
-    ServiceBusy,
-    ServiceUnreachable,
-    StoreUnavailable,
-    WaitTimeout,
-)
 from eigenfail.filters import SortOrder
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.records import Page
@@ -38,7 +29,7 @@ AWAY_S = 60.0
 
 
 # Errors of a service that is started anew, or whose database is. Any other error is an answer.
-AWAY = (ServiceUnreachable, StoreUnavailable, ServiceBusy)
+AWAY = (errors.ServiceUnreachable, errors.StoreUnavailable, errors.ServiceBusy)
 
 
 Tell = Callable[[Campaign], None]
@@ -78,7 +69,7 @@ def wait_until(
     seen = look()
     while not is_over(seen):
         if monotonic() >= latest_s:
-            raise WaitTimeout(
+            raise errors.WaitTimeout(
                 f"{describe(seen)} is still running after {timeout_s:g} s.",
                 "Increase the timeout, or check the service's log if there is no progress.",
             )
@@ -243,7 +234,9 @@ class Link:
         key: str | None = None,
     ) -> None:
         if not str(base_url).startswith(SCHEMES):  # also of what is no text
-            raise InvalidValue("url", f"'{base_url}' is not an address.", f"Use the form {LIKE}.")
+            raise errors.InvalidValue(
+                "url", f"'{base_url}' is not an address.", f"Use the form {LIKE}."
+            )
         self.base_url = base_url
         self._http = httpx2.Client(
             base_url=base_url,
@@ -350,7 +343,7 @@ class Link:
         """
         page = self.get(path, Page[Any], {**(params or {}), "limit": 1, "total": "true"})
         if isinstance(page.total, msgspec.UnsetType):
-            raise ProtocolError(f"{self.base_url} does not say how many items {path} has.")
+            raise errors.ProtocolError(f"{self.base_url} does not say how many items {path} has.")
         return page.total
 
     @contextmanager
@@ -367,7 +360,7 @@ class Link:
                 raise read_refusal(source.response)
             yield iter(source)
 
-    def trouble(self, path: str) -> EigenfailError | None:
+    def trouble(self, path: str) -> errors.EigenfailError | None:
         """What a path outside the API complains of; ServiceUnreachable if nothing answers."""
         try:
             answer = self._http.get(path, timeout=3.0)
@@ -379,9 +372,9 @@ class Link:
         """Let go of all connections."""
         self._http.close()
 
-    def unreachable(self, error: httpx2.TransportError) -> ServiceUnreachable:
+    def unreachable(self, error: httpx2.TransportError) -> errors.ServiceUnreachable:
         """What to raise when nothing came back."""
-        return ServiceUnreachable(
+        return errors.ServiceUnreachable(
             f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
             "Start one with `eigenfail up`, or give the address of one that runs, not of its hub"
             " (on the command line --url, or EIGENFAIL_URL).",
@@ -400,7 +393,7 @@ class Link:
         # Without this, httpx2 raises a RuntimeError, which no caller catches.
         if self._http.is_closed:
             problem = f"This client of {self.base_url} is closed, maybe with its service."
-            raise ServiceUnreachable(problem, "Create a new client.")
+            raise errors.ServiceUnreachable(problem, "Create a new client.")
         try:
             yield
         except httpx2.HTTPStatusError as error:
@@ -424,7 +417,7 @@ def reverse_order(params: Params, sort: SortOrder, key: str) -> Params | None:
     return {**params, "sort": str(turned)}
 
 
-def read_refusal(response: httpx2.Response) -> EigenfailError:
+def read_refusal(response: httpx2.Response) -> errors.EigenfailError:
     """Return the error that a response describes."""
     try:
         return make_error(msgspec.json.decode(response.content, type=Problem))

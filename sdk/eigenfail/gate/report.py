@@ -17,6 +17,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail.gate import verdicts
 from eigenfail.gate.known import NEW_MODE
 from eigenfail.gate.reruns import (
     GateFinding,
@@ -25,13 +26,6 @@ from eigenfail.gate.reruns import (
     ReportSentence,
     Rerun,
     RerunFigures,
-)
-from eigenfail.gate.verdicts import (
-    CLOSING,
-    INFRASTRUCTURE,
-    STRICTLY_CLOSING,
-    GateVerdict,
-    join_counts,
 )
 from eigenfail.settings import Count
 
@@ -53,11 +47,11 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     member: ReportName
     baseline: RerunFigures | None = None
     known: tuple[GateFinding, ...] = ()
-    known_left_out: dict[GateVerdict, Count] = {}
+    known_left_out: dict[verdicts.GateVerdict, Count] = {}
     rerun: Rerun | None = None
     notes: tuple[ReportSentence, ...] = ()
 
-    def count_verdicts(self) -> Counter[GateVerdict]:
+    def count_verdicts(self) -> Counter[verdicts.GateVerdict]:
         """Those of known failures, and of failing episodes of the rerun or of all of it."""
         counts = Counter(finding.verdict for finding in self.known)
         counts.update(self.known_left_out)
@@ -89,9 +83,9 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     file: ReportSentence = ""
 
     @property
-    def closing(self) -> frozenset[GateVerdict]:
+    def closing(self) -> frozenset[verdicts.GateVerdict]:
         """What closes it."""
-        return STRICTLY_CLOSING if self.strict else CLOSING
+        return verdicts.STRICTLY_CLOSING if self.strict else verdicts.CLOSING
 
 
 class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -104,14 +98,16 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     gate: GateRun
     open: bool
-    counts: dict[GateVerdict, Count]
+    counts: dict[verdicts.GateVerdict, Count]
     members: tuple[MemberReport, ...]
 
     def problems(self) -> Iterator[str]:
         """Why episodes errored."""
         for member in self.members:
             findings = (*member.known, *(member.rerun.findings if member.rerun else ()))
-            yield from (each.problem for each in findings if each.verdict is GateVerdict.CANNOT_RUN)
+            yield from (
+                each.problem for each in findings if each.verdict is verdicts.GateVerdict.CANNOT_RUN
+            )
 
     def list_doubts(self) -> Iterator[str]:
         """Yield the episodes of each member that may hide a failure that closes the gate."""
@@ -138,19 +134,19 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             return not self.open
         problems = tuple(self.problems())
         return (
-            closing == {GateVerdict.CANNOT_RUN}
+            closing == {verdicts.GateVerdict.CANNOT_RUN}
             and bool(problems)
-            and all(problem.startswith(INFRASTRUCTURE) for problem in problems)
+            and all(problem.startswith(verdicts.INFRASTRUCTURE) for problem in problems)
         )
 
 
 def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
     """Return the report of a gate, with the counts of its verdicts and whether it is open."""
-    seen = Counter[GateVerdict]()
+    seen = Counter[verdicts.GateVerdict]()
     for member in members:
         seen.update(member.count_verdicts())
     # In the order of the verdicts, so that equal gates have equal reports, byte for byte.
-    counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
+    counts = {verdict: seen[verdict] for verdict in verdicts.GateVerdict if seen[verdict]}
     # A doubtful episode may hide what closes the gate: "open" is only said where none is left.
     report = GateReport(
         gate=gate,
@@ -165,7 +161,7 @@ def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
 ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that an XML 1.0 document cannot hold, or does not keep."""
 
-NOT_SAFE = frozenset(GateVerdict) - {GateVerdict.SAFE, GateVerdict.FIXED}
+NOT_SAFE = frozenset(verdicts.GateVerdict) - {verdicts.GateVerdict.SAFE, verdicts.GateVerdict.FIXED}
 
 
 class _TestCase(NamedTuple):
@@ -173,7 +169,7 @@ class _TestCase(NamedTuple):
 
     group: str
     name: str
-    verdict: GateVerdict | None
+    verdict: verdicts.GateVerdict | None
     details: str
     wall_s: float = 0.0
 
@@ -230,14 +226,14 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
         )
         if rerun.doubt:
             text = f"{rerun.doubt} may hide a new failure."
-            yield _TestCase("rerun", "hidden failures", GateVerdict.CANNOT_RUN, text)
+            yield _TestCase("rerun", "hidden failures", verdicts.GateVerdict.CANNOT_RUN, text)
         for each in rerun.new_modes:
             # Modes of a search are not judged: another search of the same planner may find others.
             verdict = each.verdict if rerun.judges_modes else None
             details = f"{_format_details(each)}\n{rerun.modes}"
             yield _TestCase("new modes", each.what, verdict, details, each.wall_s)
         for each in rerun.findings:
-            if rerun.by is JudgedBy.EPISODE and each.verdict in CLOSING:
+            if rerun.by is JudgedBy.EPISODE and each.verdict in verdicts.CLOSING:
                 yield _TestCase(
                     "rerun", each.what, each.verdict, _format_details(each), each.wall_s
                 )
@@ -266,9 +262,9 @@ def _build_case(case: _TestCase, suite: str, gate: GateRun) -> ET.Element:
     return found
 
 
-def _choose_tag(verdict: GateVerdict | None, gate: GateRun) -> str:
+def _choose_tag(verdict: verdicts.GateVerdict | None, gate: GateRun) -> str:
     """The element that says what became of a case; empty for one that passed."""
-    if verdict is GateVerdict.CANNOT_RUN:
+    if verdict is verdicts.GateVerdict.CANNOT_RUN:
         return "error"
     if verdict in gate.closing:
         return "failure"
@@ -317,7 +313,7 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
 
 def describe_conclusion(report: GateReport) -> str:
     """Whether it is open, and why."""
-    counts = join_counts(report.counts)
+    counts = verdicts.join_counts(report.counts)
     gate = report.gate
     if not gate.baseline:
         found = _describe_findings(report)
@@ -337,7 +333,7 @@ def _describe_findings(report: GateReport) -> str:
     failures, completed = (
         sum(getattr(each, name) for each in seen) for name in ("failures", "completed")
     )
-    counts = join_counts(report.counts)
+    counts = verdicts.join_counts(report.counts)
     known = f"; of its known failures, replayed: {counts}" if counts else ""
     return f"{failures} of {completed} episodes fail{known}"
 
@@ -353,15 +349,15 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
             f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
             " says."
         )
-    by_chance = [rerun for rerun in reruns if rerun.verdict is not GateVerdict.NEW]
-    if within := sum(rerun.counts.get(GateVerdict.NEW, 0) for rerun in by_chance):
+    by_chance = [rerun for rerun in reruns if rerun.verdict is not verdicts.GateVerdict.NEW]
+    if within := sum(rerun.counts.get(verdicts.GateVerdict.NEW, 0) for rerun in by_chance):
         yield f"Within chance, yet new: {within} episodes that did not fail before."
-    if GateVerdict.UNPROVEN in report.counts:
+    if verdicts.GateVerdict.UNPROVEN in report.counts:
         yield (
             "Unproven: they fail, but whether the baseline's planner did under the same noise is"
             " not known; gate the baseline's version without --baseline to know it next time."
         )
-    if report.open and report.gate.baseline and STRICTLY_CLOSING & report.counts.keys():
+    if report.open and report.gate.baseline and verdicts.STRICTLY_CLOSING & report.counts.keys():
         yield "Failures that were there before do not close the gate without --strict."
     yield from (note for member in report.members for note in list_notes(member))
 

@@ -3,17 +3,8 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
+from eigenfail.presentation import tables
 from eigenfail.presentation.figures import UNKNOWN, count_noun
-from eigenfail.presentation.tables import (
-    Block,
-    Cell,
-    Table,
-    count_columns,
-    name_columns,
-    read_number,
-    read_text,
-    tabulate,
-)
 from eigenfail.values.release import (
     ModeSighting,
     ModeStatus,
@@ -28,22 +19,22 @@ NOT_COMPARED = "not compared"
 BASELINE = "in the first version compared"
 
 
-def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> Table:
+def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> tables.Table:
     """Return the scenarios in which versions of a planner were tested, one a row."""
-    return tabulate(
+    return tables.tabulate(
         "Releases",
         questions,
-        read_number("Campaign", "campaign"),
-        read_text("Planner", "planner"),
-        read_text("Scenario", "scenario"),
-        read_text("Requirements", "requirements"),
-        read_text("Method", "method"),
-        read_text("Versions", lambda each: ", ".join(each.versions)),
-        read_number("Campaigns", "campaigns"),
+        tables.read_number("Campaign", "campaign"),
+        tables.read_text("Planner", "planner"),
+        tables.read_text("Scenario", "scenario"),
+        tables.read_text("Requirements", "requirements"),
+        tables.read_text("Method", "method"),
+        tables.read_text("Versions", lambda each: ", ".join(each.versions)),
+        tables.read_number("Campaigns", "campaigns"),
     )
 
 
-def tabulate_releases(found: ReleaseTable) -> tuple[Block, ...]:
+def tabulate_releases(found: ReleaseTable) -> tuple[tables.Block, ...]:
     """Return the versions, their failure modes, and what limits the comparison."""
     asked = found.question
     return (
@@ -119,15 +110,15 @@ def _describe_left_out(release: Release) -> str:
     return f"{release.version}, with {failures} in {episodes}, is not compared. {release.problem}"
 
 
-def _tabulate_versions(releases: Iterable[Release]) -> Table:
-    return tabulate(
+def _tabulate_versions(releases: Iterable[Release]) -> tables.Table:
+    return tables.tabulate(
         "Versions",
         releases,
-        read_text("Version", "version"),
-        read_text("Campaigns", lambda each: ", ".join(map(str, each.campaigns))),
-        read_number("Episodes", "episodes"),
-        read_number("Failures", "failures"),
-        read_text("Code", format_code),
+        tables.read_text("Version", "version"),
+        tables.read_text("Campaigns", lambda each: ", ".join(map(str, each.campaigns))),
+        tables.read_number("Episodes", "episodes"),
+        tables.read_number("Failures", "failures"),
+        tables.read_text("Code", format_code),
     )
 
 
@@ -137,15 +128,15 @@ def format_code(release: Release) -> str:
     return " and ".join(codes) or UNKNOWN
 
 
-def _tabulate_modes(found: ReleaseTable) -> Table:
+def _tabulate_modes(found: ReleaseTable) -> tables.Table:
     rows = tuple(
         (each.number, name_mode(each), *map(format_sighting, each.sightings))
         for each in found.modes
     )
     titles = (each.version for each in found.releases)
-    columns = (*count_columns("Mode"), *name_columns("Name", *titles))
+    columns = (*tables.count_columns("Mode"), *tables.name_columns("Name", *titles))
     notes = tuple(_list_undecided(found))
-    return Table(found.title, columns, rows, notes)
+    return tables.Table(found.title, columns, rows, notes)
 
 
 def name_mode(mode: ReleaseMode) -> str:
@@ -153,7 +144,7 @@ def name_mode(mode: ReleaseMode) -> str:
     return mode.name if mode.state is TriageState.NEW else f"{mode.name} ({mode.state.words})"
 
 
-def format_sighting(sighting: ModeSighting) -> Cell:
+def format_sighting(sighting: ModeSighting) -> tables.Cell:
     """Return what became of a mode in a version as text, with its number of failures."""
     # A count of 0 would repeat what the status says.
     failures = f" ({sighting.failures:,})" if sighting.failures else ""

@@ -16,28 +16,9 @@ from eigenfail.contracts import EpisodeEngine, Learner, Method
 from eigenfail.errors import ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect, expect_error
+from eigenfail.values import episode, learning
 from eigenfail.values.arrays import Floats, encode_array
 from eigenfail.values.disturbance import NoiseTrajectory
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeTask,
-    Outcome,
-    PolicySource,
-    PriorSource,
-    TrajectorySource,
-    episode_seed,
-    learner_seed,
-    unrunnable,
-)
-from eigenfail.values.learning import (
-    SCENE_STATE,
-    Layer,
-    LearnerContext,
-    Policy,
-    Proposal,
-    count_state,
-)
 from eigenfail.values.measures import Measures
 
 
@@ -78,55 +59,61 @@ class ToyEngine:
     def __init__(self, corridor: Corridor | None = None, faulty: Sequence[int] = ()) -> None:
         self._corridor = corridor or Corridor()
         self._faulty = frozenset(faulty)
-        self._policies: dict[int, Policy] = {}
+        self._policies: dict[int, learning.Policy] = {}
 
-    def add_policy(self, policy: Policy) -> None:
+    def add_policy(self, policy: learning.Policy) -> None:
         """Store a policy version."""
         self._policies[policy.version] = policy
 
-    def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
+    def run(self, tasks: Sequence[episode.EpisodeTask]) -> Iterator[episode.EpisodeResult]:
         """Yield the results in the order of the tasks."""
         for task in tasks:
             if task.index in self._faulty:
-                yield unrunnable(task, EpisodeFault("simulator", "the toy was told to fail"))
+                yield episode.unrunnable(
+                    task, episode.EpisodeFault("simulator", "the toy was told to fail")
+                )
             else:
                 yield self._episode(task)
 
     def close(self) -> None:
         """Do nothing: the engine holds no resources."""
 
-    def _episode(self, task: EpisodeTask) -> EpisodeResult:
+    def _episode(self, task: episode.EpisodeTask) -> episode.EpisodeResult:
         random = np.random.default_rng(task.seed)
         channels = self._corridor.channels
-        states = np.zeros((self._corridor.steps, count_state(channels)), np.float32)
+        states = np.zeros((self._corridor.steps, learning.count_state(channels)), np.float32)
         z = self._noise(task, random, states)
         course = self._corridor.course(z)
         beyond = np.flatnonzero(course >= self._corridor.wall)
         steps = int(beyond[0]) + 1 if len(beyond) else self._corridor.steps
         sigma = np.broadcast_to(np.asarray(self._corridor.sigma, np.float32), (steps, channels))
-        return EpisodeResult(
+        return episode.EpisodeResult(
             index=task.index,
             seed=task.seed,
-            outcome=Outcome.COLLISION if len(beyond) else Outcome.SAFE,
+            outcome=episode.Outcome.COLLISION if len(beyond) else episode.Outcome.SAFE,
             steps=steps,
             noise=NoiseTrajectory(z[:steps].astype(np.float32), np.ascontiguousarray(sigma)),
             source=task.source_kind,
             measures=self._measures(course, len(beyond) > 0),
-            states=states[:steps] if isinstance(task.source, PolicySource) else None,
+            states=states[:steps] if isinstance(task.source, episode.PolicySource) else None,
             importance=course[:steps].astype(np.float32) if task.importance else None,
         )
 
-    def _noise(self, task: EpisodeTask, random: np.random.Generator, states: Floats) -> Floats:
+    def _noise(
+        self, task: episode.EpisodeTask, random: np.random.Generator, states: Floats
+    ) -> Floats:
         source, shape = task.source, (len(states), self._corridor.channels)
-        if isinstance(source, PriorSource):
+        if isinstance(source, episode.PriorSource):
             return random.standard_normal(shape, np.float32)
-        if isinstance(source, TrajectorySource):
+        if isinstance(source, episode.TrajectorySource):
             z = np.zeros(shape, np.float32)
             z[: len(source.z)] = source.z[: len(z)]
             return z
         return self._chosen(self._policies[source.version], random, states)
 
-    def _chosen(self, policy: Policy, random: np.random.Generator, states: Floats) -> Floats:
+    def _chosen(
+        self, policy: learning.Policy, random: np.random.Generator, states: Floats
+    ) -> Floats:
         """Return z of a policy's episode, and write its observed states into `states`."""
         channels = self._corridor.channels
         z = np.zeros((len(states), channels), np.float32)
@@ -134,7 +121,9 @@ class ToyEngine:
         for t in range(len(states)):
             states[t, 0], states[t, -1] = y, t / len(states)
             # In the scale of `STATE`: per 3 sigma.
-            states[t, SCENE_STATE : SCENE_STATE + channels] = z[t - 1] / 3.0 if t else 0.0
+            states[t, learning.SCENE_STATE : learning.SCENE_STATE + channels] = (
+                z[t - 1] / 3.0 if t else 0.0
+            )
             held = t % policy.hold
             if held:
                 z[t] = z[t - held]
@@ -149,7 +138,7 @@ class ToyEngine:
         return Measures(robustness_m=float(self._corridor.wall - course.max()))
 
 
-def decide(policy: Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[np.float64]:
+def decide(policy: learning.Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return z of one decision, shape (channels,), as `Policy` defines it.
 
     Args:
@@ -166,7 +155,7 @@ def decide(policy: Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[n
     return z
 
 
-def _affine(layer: Layer, h: NDArray[np.floating]) -> NDArray[np.floating]:
+def _affine(layer: learning.Layer, h: NDArray[np.floating]) -> NDArray[np.floating]:
     return layer.weight @ h + layer.bias
 
 
@@ -186,7 +175,7 @@ OTHER_CHANNELS = (1, 5)
 five, no two dimensions of an array are equal by chance."""
 
 
-def encode_proposal(proposal: Proposal) -> bytes:
+def encode_proposal(proposal: learning.Proposal) -> bytes:
     """Return the bytes of a proposal, with weights and trajectories."""
     return msgspec.msgpack.encode(proposal, enc_hook=encode_array)
 
@@ -202,12 +191,12 @@ class LearnerSuite:
     budget: ClassVar[int] = 40
     rounds: ClassVar[int] = 3
 
-    def context(self, seed: int, corridor: Corridor) -> LearnerContext:
+    def context(self, seed: int, corridor: Corridor) -> learning.LearnerContext:
         """Return the context of a learner for noise of the steps and channels of a corridor."""
         random = np.random.default_rng(seed)
         shape = self.budget, corridor.steps, corridor.channels
-        return LearnerContext(
-            seed=learner_seed(seed),
+        return learning.LearnerContext(
+            seed=episode.learner_seed(seed),
             episodes=self.budget,
             horizon=corridor.steps,
             trajectories=random.standard_normal(shape, np.float32),
@@ -218,7 +207,9 @@ class LearnerSuite:
         settings = read_settings(self.method.Settings, self.settings, "settings")
         return self.method(self.context(seed, corridor), settings)
 
-    def play(self, learner: Learner, first: int, engine: EpisodeEngine | None = None) -> Proposal:
+    def play(
+        self, learner: Learner, first: int, engine: EpisodeEngine | None = None
+    ) -> learning.Proposal:
         """Propose, run and observe one round from episode `first` on."""
         engine = engine or ToyEngine(CORRIDOR)
         proposal = learner.propose(self.budget - first)
@@ -258,7 +249,7 @@ class LearnerSuite:
         """Injected noise is float32 of shape (up to horizon, channels)."""
         learner, first = self.begun()
         for source in learner.propose(self.budget - first).sources:
-            if isinstance(source, TrajectorySource):
+            if isinstance(source, episode.TrajectorySource):
                 expect_fit(source.z, CORRIDOR)
 
     def test_takes_noise_of_any_number_of_channels(self) -> None:
@@ -270,7 +261,7 @@ class LearnerSuite:
                 proposal = self.play(learner, first, engine)
                 first += len(proposal.sources)
                 for source in proposal.sources:
-                    if isinstance(source, TrajectorySource):
+                    if isinstance(source, episode.TrajectorySource):
                         expect_fit(source.z, corridor)
             state = learner.state()
             other = self.learner(corridor=corridor)
@@ -344,12 +335,14 @@ def expect_fit(z: Floats, corridor: Corridor) -> None:
     expect(bool(np.isfinite(z).all()), "a value is not finite")
 
 
-def results(proposal: Proposal, first: int, engine: EpisodeEngine) -> Sequence[EpisodeResult]:
+def results(
+    proposal: learning.Proposal, first: int, engine: EpisodeEngine
+) -> Sequence[episode.EpisodeResult]:
     """Run a proposal whose first episode has the index `first`."""
     if proposal.policy is not None:
         engine.add_policy(proposal.policy)
     tasks = [
-        EpisodeTask(index, episode_seed(0, index), source)
+        episode.EpisodeTask(index, episode.episode_seed(0, index), source)
         for index, source in enumerate(proposal.sources, first)
     ]
     return list(engine.run(tasks))

@@ -14,14 +14,9 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import InvalidValue, SimulatorError, UnknownName
+from eigenfail.values import temporal_logic
 from eigenfail.values.measures import MEASURES
 from eigenfail.values.signals import NEVER_S, DrivenCourse, ExpectedCourse
-from eigenfail.values.temporal_logic import (
-    check_formula,
-    evaluate_formula,
-    list_names,
-    parse_formula,
-)
 
 MOST_REQUIREMENTS: Final = 20
 
@@ -370,11 +365,11 @@ class Formula(Requirement, frozen=True, tag="formula"):
     @property
     def signals(self) -> frozenset[str]:
         """Those that the formula names."""
-        return list_names(parse_formula(self.formula))
+        return temporal_logic.list_names(temporal_logic.parse_formula(self.formula))
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
         """Have the formula read."""
-        check_formula(self.formula, *expected, f"{field}.formula")
+        temporal_logic.check_formula(self.formula, *expected, f"{field}.formula")
 
     def find_robustness(self, course: DrivenCourse) -> float | None:
         """Return the robustness of the formula at the start; None if it is not judged."""
@@ -383,7 +378,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
             if not np.isfinite(course.signals[name]).all():
                 problem = f"signal {name} is not finite, so that {self.label} cannot be judged."
                 raise SimulatorError(problem, "Report a number at each step.")
-        return evaluate_formula(self.formula, course.dt_s, course.signals)
+        return temporal_logic.evaluate_formula(self.formula, course.dt_s, course.signals)
 
     def in_words(self) -> str:
         """Return what it requires."""

@@ -15,14 +15,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail.values import student_t
 from eigenfail.values.arrays import Floats
-from eigenfail.values.student_t import (
-    LOG_SQRT_TWO_PI,
-    NORMAL,
-    log_t_slope,
-    map_normal_to_t,
-    map_t_to_normal,
-)
 
 Pair = tuple[float, float]
 """A longitudinal and a lateral value."""
@@ -129,16 +123,18 @@ class HeavyTailed(ShapeStruct, frozen=True, tag="student_t"):
     def step(self, z: Row, _before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t."""
         nu, unit = self.degrees_of_freedom, self._unit
-        return tuple([unit * map_normal_to_t(each, nu) for each in z])
+        return tuple([unit * student_t.map_normal_to_t(each, nu) for each in z])
 
     def step_back(self, u: Row, _before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t."""
         nu, unit = self.degrees_of_freedom, self._unit
-        return tuple([map_t_to_normal(each / unit, nu) for each in u])
+        return tuple([student_t.map_t_to_normal(each / unit, nu) for each in u])
 
     def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
         """log |du_t / dz_t|, shape (steps, channels)."""
-        slopes = [log_t_slope(each, self.degrees_of_freedom) for each in z.ravel().tolist()]
+        slopes = [
+            student_t.log_t_slope(each, self.degrees_of_freedom) for each in z.ravel().tolist()
+        ]
         return np.array(slopes).reshape(z.shape) + log(self._unit)
 
     @property
@@ -250,7 +246,7 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
             masses = [p if each else 1.0 - p for each, p in zip(u, likely, strict=True)]
             slopes.append([-0.5 * to * to - log(m) for to, m in zip(row, masses, strict=True)])
             before = u
-        return np.array(slopes).reshape(z.shape) - LOG_SQRT_TWO_PI
+        return np.array(slopes).reshape(z.shape) - student_t.LOG_SQRT_TWO_PI
 
     def mean_log_probabilities(self, sigma: Row) -> list[float]:
         """Mean of log P(u_t | u_{t-1}) over the chain, at each step of one channel.
@@ -306,14 +302,14 @@ def _negative_entropy(p: float) -> float:
 @lru_cache(maxsize=64)
 def _find_threshold(probability: float) -> float:
     """Return the value that a standard normal variable exceeds with that probability."""
-    return -NORMAL.inv_cdf(probability) if probability > 0.0 else inf
+    return -student_t.NORMAL.inv_cdf(probability) if probability > 0.0 else inf
 
 
 def _find_mean_z(u: float, probability: float) -> float:
     """Return the mean of a standard normal z above its threshold, or below it where u < 0.5."""
     if probability == 0.0:
         return 0.0
-    density = NORMAL.pdf(_find_threshold(probability))
+    density = student_t.NORMAL.pdf(_find_threshold(probability))
     return density / probability if u >= 0.5 else -density / (1.0 - probability)
 
 
@@ -335,7 +331,7 @@ class Once(ShapeStruct, frozen=True, tag="once"):
         After the first step nothing is random, so that the density of z alone remains.
         """
         slopes = np.zeros_like(z)
-        slopes[1:] = -0.5 * z[1:] ** 2 - LOG_SQRT_TWO_PI
+        slopes[1:] = -0.5 * z[1:] ** 2 - student_t.LOG_SQRT_TWO_PI
         return slopes
 
     def in_words(self) -> str:

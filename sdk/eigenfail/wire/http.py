@@ -12,20 +12,7 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 
-from eigenfail.errors import (
-    Conflict,
-    EigenfailError,
-    Forbidden,
-    InputError,
-    InvalidValue,
-    NoisePruned,
-    NotFound,
-    PreconditionFailed,
-    ProtocolError,
-    ServiceError,
-    Unauthorized,
-    UnknownName,
-)
+from eigenfail import errors
 from eigenfail.settings import Ordinal, convert, make_refusal, refuse_hidden
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
@@ -63,17 +50,17 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     known: tuple[str, ...] = ()
 
 
-def make_problem(error: EigenfailError, instance: str = "") -> Problem:
+def make_problem(error: errors.EigenfailError, instance: str = "") -> Problem:
     """Return the problem that describes an error."""
     words = HUMP.split(type(error).__name__)
-    unknown = error if isinstance(error, UnknownName) else None
+    unknown = error if isinstance(error, errors.UnknownName) else None
     return Problem(
         type=NAMESPACE + slugify(type(error)),
         title=" ".join(words).capitalize(),
         status=error.http_status,
         detail=error.problem,
         instance=instance,
-        field=error.field if isinstance(error, InputError) else "",
+        field=error.field if isinstance(error, errors.InputError) else "",
         remedy=error.remedy,
         name=unknown.name if unknown else "",
         known=tuple(unknown.known) if unknown else (),
@@ -92,38 +79,38 @@ def make_untyped_problem(status: int, detail: str, instance: str = "", remedy: s
     )
 
 
-def make_error(problem: Problem) -> EigenfailError:
+def make_error(problem: Problem) -> errors.EigenfailError:
     """Return the error that a problem describes."""
-    kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(EigenfailError)}
+    kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(errors.EigenfailError)}
     # A service of a later release may raise an error that this client has no class for.
     kind = kinds.get(problem.type) or _get_type_for_status(problem.status)
     # `InputError` puts the field in front of the problem again.
     detail = problem.detail.removeprefix(f"{problem.field}: ")
-    if issubclass(kind, UnknownName):
+    if issubclass(kind, errors.UnknownName):
         return kind(problem.field, problem.name, problem.known, detail)
-    if issubclass(kind, InputError):
+    if issubclass(kind, errors.InputError):
         return kind(problem.field, detail, problem.remedy)
     return kind(problem.detail, problem.remedy)
 
 
-def _get_type_for_status(status: int) -> type[EigenfailError]:
-    exact: dict[int, type[EigenfailError]] = {
-        401: Unauthorized,
-        403: Forbidden,
-        404: NotFound,
-        409: Conflict,
-        410: NoisePruned,
-        412: PreconditionFailed,
+def _get_type_for_status(status: int) -> type[errors.EigenfailError]:
+    exact: dict[int, type[errors.EigenfailError]] = {
+        401: errors.Unauthorized,
+        403: errors.Forbidden,
+        404: errors.NotFound,
+        409: errors.Conflict,
+        410: errors.NoisePruned,
+        412: errors.PreconditionFailed,
     }
-    return exact.get(status, ServiceError if status >= SERVER_SIDE else InputError)
+    return exact.get(status, errors.ServiceError if status >= SERVER_SIDE else errors.InputError)
 
 
-def slugify(kind: type[EigenfailError]) -> str:
+def slugify(kind: type[errors.EigenfailError]) -> str:
     """Return the name of an error in a problem's type: unknown-name for UnknownName."""
     return HUMP.sub("-", kind.__name__).lower()
 
 
-def list_error_types(kind: type[EigenfailError]) -> Iterator[type[EigenfailError]]:
+def list_error_types(kind: type[errors.EigenfailError]) -> Iterator[type[errors.EigenfailError]]:
     """Yield a type of error and all its subclasses."""
     yield kind
     for below in kind.__subclasses__():
@@ -239,7 +226,7 @@ def decode(data: bytes, kind: type[Kind]) -> Kind:
     try:
         return msgspec.json.decode(data, type=kind, dec_hook=decode_array)
     except (msgspec.DecodeError, RecursionError, ValueError) as error:
-        raise ProtocolError(
+        raise errors.ProtocolError(
             f"The response has an unexpected format: {error}.",
             "Use one version of eigenfail on both sides.",
         ) from error
@@ -262,7 +249,9 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
             given = msgspec.json.decode(data or b"{}")
         raise make_refusal(error, kind, given) from None
     except NOT_JSON as error:
-        raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
+        raise errors.ProtocolError(
+            f"The body is not JSON: {error}.", "Send a JSON object."
+        ) from None
     # Only such bodies can hold invisible characters; all others are not read a second time.
     if not data.isascii() or ESCAPE in data:
         refuse_hidden(msgspec.json.decode(data))
@@ -279,7 +268,7 @@ def read_plain(data: bytes, kind: type[Plain]) -> Plain:
     try:
         given = msgspec.json.decode(data) if data else kind()
     except NOT_JSON as error:
-        raise ProtocolError(f"The body is not JSON: {error}.", "Send JSON.") from None
+        raise errors.ProtocolError(f"The body is not JSON: {error}.", "Send JSON.") from None
     if not data.isascii() or ESCAPE in data:
         refuse_hidden(given)
     return convert(given, kind)
@@ -315,7 +304,7 @@ def _make_plain(field: str, value: object) -> object:
         return msgspec.to_builtins(value, enc_hook=_make_builtin)
     except TypeError as error:
         remedy = "Give plain numbers, text, lists and dicts."
-        raise InvalidValue(field, f"{error}.", remedy) from None
+        raise errors.InvalidValue(field, f"{error}.", remedy) from None
 
 
 def _make_builtin(value: object) -> Any:

@@ -9,20 +9,10 @@ from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
+from eigenfail.values import safety
 from eigenfail.values.campaign import Campaign, Counts
 from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.safety import (
-    TAIL_LEVEL,
-    Figure,
-    MeasureTotals,
-    RequirementFigures,
-    Safety,
-    SafetyTotals,
-    Scatter,
-    SeverityRisk,
-    Violations,
-)
 from eigenfail.values.summary import (
     MOST_BLOCKS,
     BlockTotals,
@@ -265,11 +255,11 @@ NO_TRAFFIC = "Near misses, MinTTC, DRAC and conflict classes are not measured fo
 
 def make_safety(
     campaign: Campaign,
-    totals: SafetyTotals,
+    totals: safety.SafetyTotals,
     conflicts: Conflicts,
     unresolved: Unresolved,
-    level: float = TAIL_LEVEL,
-) -> Safety:
+    level: float = safety.TAIL_LEVEL,
+) -> safety.Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
 
     Of a function only the failures are counted: it has no traffic that could be measured.
@@ -303,7 +293,7 @@ def make_safety(
         severity = replace(severity, problem=NO_SEVERITY if has_road else NO_SEVERITY_OF_FUNCTION)
     # A function has no traffic: 0 of 0 makes each share of it unknown instead of 0 %.
     measured = totals.completed if has_road else 0
-    return Safety(
+    return safety.Safety(
         campaign=campaign.id,
         name=campaign.spec.name,
         method=method,
@@ -320,20 +310,22 @@ def make_safety(
         ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, measured, errored),
         drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, measured, errored),
         severity=severity,
-        scatter=Scatter(totals.points, len(totals.severities), correlation),
+        scatter=safety.Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
         requirements=tuple(_list_requirements(campaign, totals)),
         notes=tuple(_list_notes(campaign, totals, unresolved, conflicts)),
     )
 
 
-def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[RequirementFigures]:
+def _list_requirements(
+    campaign: Campaign, totals: safety.SafetyTotals
+) -> Iterator[safety.RequirementFigures]:
     """Yield the figures of each requirement that the campaign names."""
     design, errored = SamplingDesign.of([campaign.spec]), campaign.counts.errored
     named = campaign.spec.named_requirements
     for place, each in enumerate(named):
         found = totals.requirements[place] if place < len(totals.requirements) else None
-        yield RequirementFigures(
+        yield safety.RequirementFigures(
             number=place + 1,
             name=each.label,
             words=each.in_words(),
@@ -343,7 +335,7 @@ def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[Req
         )
 
 
-def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:
+def _drop_intervals(risk: safety.SeverityRisk) -> safety.SeverityRisk:
     """Return the severity of failures that a search chose: they are no random sample.
 
     What is missing for an interval is then no problem; what is missing for a number still is.
@@ -353,8 +345,8 @@ def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:
     return replace(risk, mean=mean, var=var, cvar=cvar, problem=problem)
 
 
-def _drop_interval(figure: Figure | None) -> Figure | None:
-    return Figure(figure.value) if figure else None
+def _drop_interval(figure: safety.Figure | None) -> safety.Figure | None:
+    return safety.Figure(figure.value) if figure else None
 
 
 def _make_share(
@@ -369,13 +361,13 @@ def _make_share(
 
 def _count_violations(
     design: SamplingDesign,
-    totals: MeasureTotals,
+    totals: safety.MeasureTotals,
     threshold: float,
     completed: int,
     errored: int,
-) -> Violations:
+) -> safety.Violations:
     """Return the figures of a measure against its threshold."""
-    return Violations(
+    return safety.Violations(
         threshold=threshold,
         beyond=_make_share(design, totals.violations, completed, errored),
         n=totals.n,
@@ -386,7 +378,7 @@ def _count_violations(
 
 def _list_notes(
     campaign: Campaign,
-    totals: SafetyTotals,
+    totals: safety.SafetyTotals,
     unresolved: Unresolved,
     conflicts: Conflicts,
 ) -> Iterator[str]:

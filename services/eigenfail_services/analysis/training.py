@@ -10,13 +10,7 @@ from math import exp, log
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values.analysis import (
-    COLLAPSED_SHARE,
-    NARROW_SPREAD,
-    AnalysisResult,
-    Diversity,
-    TrainingInterval,
-)
+from eigenfail.values import analysis
 from eigenfail_services.analysis.alignment import Aligned
 from eigenfail_services.analysis.components import ComponentSpace, fit_components, iterate_blocks
 
@@ -26,7 +20,7 @@ SHOWN_COMPONENTS = 3
 
 def summarize_training(
     failures: Aligned, space: ComponentSpace, episodes: Mapping[int, int]
-) -> tuple[TrainingInterval, ...]:
+) -> tuple[analysis.TrainingInterval, ...]:
     """Ten intervals of the episodes, each with its failures' mean and their own components.
 
     Args:
@@ -55,7 +49,7 @@ def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.in
 
 def _summarize_interval(
     failures: Aligned, space: ComponentSpace, tenth: int, rows: NDArray[np.intp]
-) -> TrainingInterval:
+) -> analysis.TrainingInterval:
     """Return an interval of the training, with the failures in these rows."""
     own = failures._replace(noise=failures.noise[rows])
     mean = np.zeros((failures.horizon, len(failures.channels)))
@@ -67,7 +61,7 @@ def _summarize_interval(
     cosines = np.sum(components * space.components[: len(components)], axis=1)
     # The sign of a component is arbitrary: that of the whole makes intervals comparable.
     turned = components * np.where(cosines < 0.0, -1.0, 1.0)[:, None]
-    return TrainingInterval(
+    return analysis.TrainingInterval(
         start=tenth / TENTHS,
         end=(tenth + 1) / TENTHS,
         failures=len(rows),
@@ -87,8 +81,8 @@ Labels = NDArray[np.int64]
 
 
 def measure_diversity(
-    failures: Aligned, result: AnalysisResult, episodes: Mapping[int, int]
-) -> Diversity:
+    failures: Aligned, result: analysis.AnalysisResult, episodes: Mapping[int, int]
+) -> analysis.Diversity:
     """How the failures of campaigns spread over the modes that an analysis found.
 
     Args:
@@ -99,7 +93,7 @@ def measure_diversity(
     labels = np.array(result.labels if result.distinct else [0] * len(result.labels))
     shares = np.bincount(labels) / len(labels)
     largest, wide = float(shares.max()), measure_spread(failures)
-    return Diversity(
+    return analysis.Diversity(
         failures=len(labels),
         modes=len(shares),
         largest_share=largest,
@@ -154,7 +148,7 @@ def measure_spread(failures: Aligned) -> float | None:
     return float(np.sqrt(np.mean(squares[twice] / (reached[twice] - 1.0))))
 
 
-def describe_collapse(result: AnalysisResult, shares: NDArray[np.float64]) -> str:
+def describe_collapse(result: analysis.AnalysisResult, shares: NDArray[np.float64]) -> str:
     """How many modes, and how evenly they were found, in words."""
     if not result.distinct:
         return result.verdict
@@ -176,8 +170,8 @@ def _write_warning(failures: int, modes: int, largest: float, wide: float | None
     """
     if failures < LEAST_FAILURES:
         return ""
-    if modes > 1 and largest > COLLAPSED_SHARE:
+    if modes > 1 and largest > analysis.COLLAPSED_SHARE:
         return f"mode collapse: {100.0 * largest:.0f} % of the failures are of one mode; {REMEDY}"
-    if modes == 1 and wide is not None and wide < NARROW_SPREAD:
+    if modes == 1 and wide is not None and wide < analysis.NARROW_SPREAD:
         return f"mode collapse: the failures differ by {wide:.2f} sigma only; {REMEDY}"
     return ""

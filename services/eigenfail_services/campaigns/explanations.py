@@ -15,18 +15,12 @@ from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
 from eigenfail.process_state import ProcessState
+from eigenfail.values import episode
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import LONGEST_NAME, StopRules
 from eigenfail.values.channels import name_columns
 from eigenfail.values.disturbance import list_noise
-from eigenfail.values.episode import (
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Outcome,
-    TrajectorySource,
-)
 from eigenfail.values.proof import ExplainedEpisode, Explanation
 from eigenfail.values.scene import Scene
 from eigenfail.worlds import drawn_for, list_channels, world_of
@@ -81,7 +75,7 @@ CONTROLS = ("acceleration_mps2", "steering_rad", "perceived_x_m", "perceived_y_m
 STATE = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
-def write_steps(result: EpisodeResult, channels: tuple[str, ...]) -> str:
+def write_steps(result: episode.EpisodeResult, channels: tuple[str, ...]) -> str:
     """Return one CSV row for each step: its noise and, if the scene was kept, all vehicles.
 
     Args:
@@ -194,7 +188,7 @@ def _describe_mode(
     medoid = store.episodes.get(campaign, mode.medoid)
     shown = f"Its medoid is episode {campaign}/{mode.medoid}"
     spec = store.campaigns.get(campaign).spec
-    end = "impact" if medoid.outcome is Outcome.COLLISION else "end"
+    end = "impact" if medoid.outcome is episode.Outcome.COLLISION else "end"
     clock = Clock(medoid.steps, step_s, f"its medoid's {end}")
     acted = clock._replace(event=f"the {end}")
     account = _describe_account(spec.setup(), medoid, acted, until_s)
@@ -205,7 +199,7 @@ def _describe_mode(
 
 
 def _describe_account(
-    setup: EpisodeSetup, medoid: EpisodeResult, clock: Clock, until_s: float
+    setup: episode.EpisodeSetup, medoid: episode.EpisodeResult, clock: Clock, until_s: float
 ) -> str:
     """Describe what the planner did in an episode; empty without an account in time.
 
@@ -238,13 +232,15 @@ def _describe_account(
     return accounts[0] if accounts else ""
 
 
-def _explain_episode(setup: EpisodeSetup, stored: EpisodeResult) -> ExplainedEpisode | None:
+def _explain_episode(
+    setup: episode.EpisodeSetup, stored: episode.EpisodeResult
+) -> ExplainedEpisode | None:
     """Run an episode again with the planner's account.
 
     None where workers are not installed, where there is no planner to be asked, and where it fails
     at the question.
     """
-    task = EpisodeTask(stored.index, stored.seed, TrajectorySource(stored.noise.z))
+    task = episode.EpisodeTask(stored.index, stored.seed, episode.TrajectorySource(stored.noise.z))
     try:
         explainer: Explainer = plugins.load(plugins.EXPLAINERS, "default")
         return explainer(setup, task)

@@ -21,13 +21,8 @@ from eigenfail.values.proof import (
     Reproduction,
 )
 from eigenfail.worlds import drawn_for, list_channels, world_of
+from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
-from eigenfail_services.campaigns.validation import (
-    ResolvedCampaign,
-    check_spec,
-    is_distribution,
-    list_drawn,
-)
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
@@ -59,7 +54,7 @@ def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> li
     share a world.
     """
     analysed = store.campaigns.get(analysis.campaign).spec
-    if not list_drawn(analysed):
+    if not validation.list_drawn(analysed):
         return [ReplayWorld(analysed, tuple(range(len(result.modes))), {})]
     found: dict[bytes, ReplayWorld] = {}
     for place, mode in enumerate(result.modes):
@@ -223,7 +218,7 @@ def _keep_latest(replays: Iterable[Campaign]) -> list[Campaign]:
             (spec.scenario_parameters, _list_modes(spec)), order="deterministic"
         ): each
         for each in replays
-        if not list_drawn(spec := each.spec)
+        if not validation.list_drawn(spec := each.spec)
     }
     return list(newest.values())
 
@@ -424,7 +419,7 @@ def launch_replays(
     for home in worlds:
         modes = [mode for mode in home.modes if mode in found.unplaced]
         if modes:
-            search = check_spec(_make_search(analysis, analysed, home, modes))
+            search = validation.check_spec(_make_search(analysis, analysed, home, modes))
             _launch_replay(store, analysis.id, search, made_by)
     return summarise_proof(store, analysis)
 
@@ -450,20 +445,22 @@ def _make_search(
 def _refuse_distributions(variations: Sequence[Parameters]) -> None:
     for place, variation in enumerate(variations):
         for name, value in variation.items():
-            if is_distribution(value):
+            if validation.is_distribution(value):
                 problem = "is a distribution: each replay would draw a scenario of its own."
                 remedy = "Give it a value, and a variation for each further value."
                 raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
 
 
-def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> ResolvedCampaign:
+def _check_replay(
+    replay: CampaignSpec, analysed: CampaignSpec, place: int
+) -> validation.ResolvedCampaign:
     """Return the replay in a variation that can be launched.
 
     Raises:
         UnknownName: a parameter that the scenario does not have.
         InvalidValue: a parameter outside its bounds, or one that makes other channels of noise.
     """
-    checked = check_spec(replay)
+    checked = validation.check_spec(replay)
     if checked.form.channels != list_channels(analysed):
         problem = "are not those of the noise that was analysed."
         raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
@@ -489,7 +486,7 @@ def _make_replay(
     )
     name = f"{analysed.name}: replay of analysis {analysis.id}" + (differing and f", {differing}")
     settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
-    some = {"modes": [place + 1 for place in home.modes]} if list_drawn(analysed) else {}
+    some = {"modes": [place + 1 for place in home.modes]} if validation.list_drawn(analysed) else {}
     return msgspec.structs.replace(
         spec,
         name=name[-LONGEST_NAME:],
@@ -502,7 +499,7 @@ def _make_replay(
 
 
 def _launch_replay(
-    store: Store, analysis: int, replay: ResolvedCampaign, made_by: int | None
+    store: Store, analysis: int, replay: validation.ResolvedCampaign, made_by: int | None
 ) -> None:
     """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
 

@@ -22,15 +22,8 @@ from eigenfail.values.episode import Outcome, learner_seed
 from eigenfail.values.learning import Experience, LearnerContext, Predecessor
 from eigenfail.values.proof import ReplayKind
 from eigenfail.worlds import world_of
+from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.campaigns.validation import (
-    ResolvedCampaign,
-    ResolvedMethod,
-    check_estimates,
-    find_searching,
-    list_varied,
-    resolve_method,
-)
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store
@@ -52,7 +45,7 @@ FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 LEARNERS = (Reference.LEARNER, Reference.OWN_LEARNER)
 
 
-def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
+def check_references(campaign: validation.ResolvedCampaign, store: "Store") -> None:
     """Make sure that everything that the settings of a campaign name can be used.
 
     Raises:
@@ -89,7 +82,7 @@ def refuse_missing(field: str) -> Iterator[None]:
         raise InvalidValue(field, error.problem, error.remedy) from error
 
 
-def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
+def _check_trajectories(method: validation.ResolvedMethod, store: "Store") -> None:
     """Check that the noise that a replay names exists.
 
     The failures of a whole campaign are not read: their number is not bounded.
@@ -111,7 +104,7 @@ def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
         raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
 
 
-def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
+def _check_failure(campaign: validation.ResolvedCampaign, store: "Store") -> None:
     """Make sure that one failure is named, and that all replays will be in its scenario.
 
     Raises:
@@ -134,7 +127,7 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
         problem = "is chosen by the noise, and minimal takes noise away that could be without."
         remedy = f"Leave out the channel scenario.{name}, and give the parameter a value."
         raise InvalidValue(f"scenario_parameters.{name}", problem, remedy)
-    for name in list_varied(campaign.spec):
+    for name in validation.list_varied(campaign.spec):
         raise InvalidValue(
             f"scenario_parameters.{name}",
             "varies, so that each replay would be in another scenario than the failure.",
@@ -152,7 +145,7 @@ def _check_collision(campaign: int, episode: int, field: str, store: "Store") ->
         raise InvalidValue(field, problem, remedy)
 
 
-def _check_failures(campaign: ResolvedCampaign, store: "Store") -> None:
+def _check_failures(campaign: validation.ResolvedCampaign, store: "Store") -> None:
     """Check that the named campaign has failures that can be injected here.
 
     Raises:
@@ -166,7 +159,9 @@ def _check_failures(campaign: ResolvedCampaign, store: "Store") -> None:
     _check_horizon(before, field, campaign.form.steps)
 
 
-def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store: "Store") -> None:
+def _check_predecessor(
+    campaign: validation.ResolvedCampaign, name: str, number: int, store: "Store"
+) -> None:
     """Make sure that the learner of an earlier campaign can be gone on with, or used.
 
     Args:
@@ -192,15 +187,15 @@ def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store
     else:
         check_has_knowledge(before, field)
         if campaign.spec.stop.cv is not None and searching is campaign.method:
-            own = resolve_method(before.spec.method, before.spec.settings)
-            check_estimates(own, "stop.cv", of_exploits=True)
+            own = validation.resolve_method(before.spec.method, before.spec.settings)
+            validation.check_estimates(own, "stop.cv", of_exploits=True)
     # The state is read only to see that it can be read: a claim could not refuse the campaign any
     # more.
     _read_last_state(before, field, store)
 
 
 def _check_data(
-    campaign: ResolvedCampaign, field: str, numbers: Sequence[int], store: "Store"
+    campaign: validation.ResolvedCampaign, field: str, numbers: Sequence[int], store: "Store"
 ) -> None:
     """Make sure that a campaign can learn from the episodes of earlier ones.
 
@@ -321,7 +316,9 @@ def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
     if not campaign.form.steps:
         problem = "the length of its episodes was not known when the campaign was created."
         raise InvalidValue("scenario", problem, "Launch the campaign again.")
-    method = find_searching(resolve_method(campaign.spec.method, campaign.spec.settings))
+    method = validation.find_searching(
+        validation.resolve_method(campaign.spec.method, campaign.spec.settings)
+    )
     trajectories = read_trajectories(method, store)
     learners = method.given_references(*LEARNERS)
     return LearnerContext(
@@ -376,7 +373,7 @@ def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[Floats]:
+def read_trajectories(method: validation.ResolvedMethod, store: "Store") -> Sequence[Floats]:
     """Return the noise trajectories that a method's settings name; none if they name none.
 
     An analysis counts before a campaign: a proof names both, the analysis for its modes.
@@ -399,7 +396,7 @@ def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[Floats
     return [store.episodes.get(campaign, index).noise.z for index in episodes]
 
 
-def _read_analysed(method: ResolvedMethod, store: "Store") -> Sequence[Floats]:
+def _read_analysed(method: validation.ResolvedMethod, store: "Store") -> Sequence[Floats]:
     """Return the noise that stands for the modes of an analysis, kind by kind."""
     analysis = store.analyses.get(method.given["analysis"])
     modes = _choose_modes(analysis, method)
@@ -414,7 +411,7 @@ def _read_analysed(method: ResolvedMethod, store: "Store") -> Sequence[Floats]:
     return found
 
 
-def _choose_modes(analysis: Analysis, method: ResolvedMethod) -> Sequence[FailureMode]:
+def _choose_modes(analysis: Analysis, method: validation.ResolvedMethod) -> Sequence[FailureMode]:
     if analysis.result is None:
         problem = f"analysis {analysis.id} is {analysis.state} and has no eigenfailures."
         raise InvalidValue("settings.analysis", problem, "Wait for it, or launch another.")
@@ -436,7 +433,9 @@ class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
     index: int
 
 
-def read_experience(method: ResolvedMethod, form: EpisodeForm, store: "Store") -> Experience | None:
+def read_experience(
+    method: validation.ResolvedMethod, form: EpisodeForm, store: "Store"
+) -> Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
     None where it names no campaigns to learn from.

@@ -17,16 +17,7 @@ from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
-from eigenfail_services.comparison.comparability import (
-    Group,
-    PairedEpisodes,
-    find_differing_fields,
-    find_distinctions,
-    find_mixed_fields,
-    group_alike,
-    list_unpairable,
-    pair_episodes,
-)
+from eigenfail_services.comparison import comparability
 from eigenfail_services.statistics import comparison
 from eigenfail_services.store import Store
 
@@ -149,7 +140,7 @@ def _warn_of_mixture(side: str, differing: Sequence[str]) -> Iterator[str]:
 
 def warn_of_seeds(campaigns: Sequence[Campaign]) -> Iterator[str]:
     """Warn that intervals do not cover the spread between seeds of a learner."""
-    learning = list_unpairable(campaigns)
+    learning = comparability.list_unpairable(campaigns)
     if learning:
         yield (
             f"Episodes of {' and '.join(learning)} depend on what was learnt: intervals know "
@@ -210,7 +201,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
     left, right, pairing = (
         _summarise_side(store, ones),
         _summarise_side(store, others),
-        pair_episodes(store, ones, others),
+        comparability.pair_episodes(store, ones, others),
     )
     found = Comparison(
         a=left,
@@ -222,13 +213,13 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
-        distinctions=find_distinctions(_list_specs(ones), _list_specs(others)),
+        distinctions=comparability.find_distinctions(_list_specs(ones), _list_specs(others)),
     )
     rates = [side.failure_rate for side in (left, right) if side.failure_rate]
     caveats = (
-        *_list_confounders(find_differing_fields(found.distinctions)),
-        *_warn_of_mixture("A", find_mixed_fields(_list_specs(ones))),
-        *_warn_of_mixture("B", find_mixed_fields(_list_specs(others))),
+        *_list_confounders(comparability.find_differing_fields(found.distinctions)),
+        *_warn_of_mixture("A", comparability.find_mixed_fields(_list_specs(ones))),
+        *_warn_of_mixture("B", comparability.find_mixed_fields(_list_specs(others))),
         # Both sides mostly have one design: it is explained once.
         *dict.fromkeys(filter(None, map(explain_design, rates))),
         *warn_of_seeds([*ones, *others]),
@@ -301,7 +292,7 @@ def _sum_cost(campaigns: Sequence[Campaign], failures: Rate | None) -> Cost:
 
 
 def _find_paired_difference(
-    pairing: PairedEpisodes, campaigns: Sequence[Campaign]
+    pairing: comparability.PairedEpisodes, campaigns: Sequence[Campaign]
 ) -> Difference | None:
     """Return the difference over the pairs; None without pairs.
 
@@ -372,13 +363,13 @@ def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
     return tuple(map(store.campaigns.get, different))
 
 
-def group_by_seed(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
+def group_by_seed(campaigns: Sequence[Campaign]) -> tuple[comparability.Group, ...]:
     """Group campaigns that differ only in name and seed; if that is one group, each is alone."""
-    found = group_alike(campaigns)
+    found = comparability.group_alike(campaigns)
     return found if len(found) > 1 else tuple((campaign,) for campaign in campaigns)
 
 
-def against_first(store: Store, found: Sequence[Group]) -> tuple[Comparison, ...]:
+def against_first(store: Store, found: Sequence[comparability.Group]) -> tuple[Comparison, ...]:
     """Compare every group but the first, as B, with the first, as A."""
     first, *others = ([campaign.id for campaign in group] for group in found)
     return tuple(compare(store, first, other) for other in others)

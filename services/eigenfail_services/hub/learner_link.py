@@ -15,14 +15,8 @@ import numpy as np
 import structlog
 import zmq
 
+from eigenfail import processes
 from eigenfail.errors import ProtocolError
-from eigenfail.processes import (
-    NUMERIC_ENVIRONMENT,
-    as_parent,
-    exit_status,
-    kill_group,
-    wait_for_exit,
-)
 from eigenfail.values.episode import TrajectorySource
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import Policy
@@ -174,7 +168,9 @@ class LearnerLink:
             return
         self._start_at_s = None
         command = [sys.executable, "-m", "eigenfail_services.hub.learner_process", self._address]
-        environment = os.environ | NUMERIC_ENVIRONMENT | as_parent() | self._environment
+        environment = (
+            os.environ | processes.NUMERIC_ENVIRONMENT | processes.as_parent() | self._environment
+        )
         try:
             self._process = subprocess.Popen(command, env=environment, process_group=0)
         except OSError as error:  # no room for one more process, which may pass
@@ -213,20 +209,20 @@ class LearnerLink:
         self._start_when_due()
         if self._start_at_s is not None:
             return None
-        return os.EX_OSERR if self._process is None else exit_status(self._process)
+        return os.EX_OSERR if self._process is None else processes.exit_status(self._process)
 
     def stop(self) -> None:
         """End the learner: on request if it listens, by force if it is busy.
 
         All processes of its group end with it, also if the learner has ended by itself.
         """
-        if self._process is not None and exit_status(self._process) is None:
+        if self._process is not None and processes.exit_status(self._process) is None:
             self.send(messages.Stop())
         # The request to stop still leaves within this time. [ms]
         self.socket.close(linger=100)
         if self._process is not None:
-            wait_for_exit(self._process, STOP_S)
-            kill_group(self._process)
+            processes.wait_for_exit(self._process, STOP_S)
+            processes.kill_group(self._process)
 
 
 def check_numbers(message: messages.Message) -> messages.Message:

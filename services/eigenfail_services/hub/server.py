@@ -16,16 +16,10 @@ import zmq
 from eigenfail.errors import ClaimLost, StoreUnavailable
 from eigenfail.worlds import world_of
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub import metrics
 from eigenfail_services.hub.commits import CodeRecorder, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.metrics import (
-    Metrics,
-    WorkerDemand,
-    measure_demand,
-    observe_duration,
-    summarize_status,
-)
 from eigenfail_services.hub.runs import CampaignRun, RunSpec
 from eigenfail_services.hub.transport import Poller, bind, is_connected, send
 from eigenfail_services.hub.worker_sessions import Draining, WorkerSessions
@@ -95,7 +89,7 @@ class Hub:
         self._store = store
         self._learners = learners
         self._leases = Leases()
-        self.metrics = Metrics()
+        self.metrics = metrics.Metrics()
         self._commits = CommitQueue(store.episodes, self.metrics, self._receive)
         self._code = CodeRecorder(store.campaigns)
         self._sessions = WorkerSessions(
@@ -140,9 +134,9 @@ class Hub:
         # A copy, as the hub's thread may change the table meanwhile.
         return [session.name for session in list(self._leases.sessions.values())]
 
-    def measure_demand(self) -> WorkerDemand:
+    def measure_demand(self) -> metrics.WorkerDemand:
         """Return the work and the workers at this moment; any thread may call this."""
-        return measure_demand([*self._runs.values()], [*self._leases.sessions.values()])
+        return metrics.measure_demand([*self._runs.values()], [*self._leases.sessions.values()])
 
     def drain_workers(self, names: Collection[str]) -> None:
         """Lease nothing more to these workers, and dismiss each once it holds no episode."""
@@ -165,7 +159,7 @@ class Hub:
             while not self._stopping.is_set():
                 learners = [run.socket for run in self._runs.values()]
                 self._poller.wait([self._router], learners, TICK_MS)
-                with observe_duration(self.metrics.turn_s):
+                with metrics.observe_duration(self.metrics.turn_s):
                     self.turn()
         finally:
             self._sessions.dismiss_all()
@@ -250,7 +244,9 @@ class Hub:
         for run in self._runs.values():
             run.update_phase()
         if time.monotonic() >= self._next_status_s:
-            self.metrics.status = summarize_status(self._runs, self._leases.sessions.values())
+            self.metrics.status = metrics.summarize_status(
+                self._runs, self._leases.sessions.values()
+            )
             self._next_status_s = time.monotonic() + STATUS_INTERVAL_S
 
     def _commit(self, *, now: bool = False) -> None:

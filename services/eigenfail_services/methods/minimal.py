@@ -12,16 +12,7 @@ from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal
-from eigenfail_services.methods import Id, RoundSize, archive
-from eigenfail_services.methods.minimal_search import (
-    NOT_RUN,
-    SAFE,
-    Search,
-    SearchPhase,
-    advance,
-    list_candidates,
-    start_search,
-)
+from eigenfail_services.methods import Id, RoundSize, archive, minimal_search
 
 
 class MinimalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,7 +40,7 @@ class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             the campaign; None before the first one.
     """
 
-    phase: SearchPhase
+    phase: minimal_search.SearchPhase
     width: Annotated[int, Meta(ge=1)]
     removable: tuple[int, ...]
     low: float
@@ -97,13 +88,17 @@ class Minimal:
                 "Name a campaign and an episode of it, or an analysis and a mode of it.",
             )
         self._round_size = settings.round_size
-        self._search = start_search(np.ascontiguousarray(context.trajectories[0], np.float32))
+        self._search = minimal_search.start_search(
+            np.ascontiguousarray(context.trajectories[0], np.float32)
+        )
         self._ends: tuple[int, ...] = ()
 
     def propose(self, n: int) -> Proposal:
         """Return the next candidates of this phase; none after the end of the search."""
         first = len(self._ends)
-        tried = list_candidates(self._search)[first : first + min(n, self._round_size)]
+        tried = minimal_search.list_candidates(self._search)[
+            first : first + min(n, self._round_size)
+        ]
         return Proposal(tuple(TrajectorySource(z) for z in tried))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
@@ -112,14 +107,14 @@ class Minimal:
         Raises:
             LearnerFailed: the failure does not reproduce at full strength.
         """
-        if self._search.phase is SearchPhase.FULL:
+        if self._search.phase is minimal_search.SearchPhase.FULL:
             # A search that starts from a replay that is safe would take every removal for harmful.
             for result in results:
                 _refuse_safe_replay(result)
         self._ends += tuple(map(_find_end, results))
         # Only then: which blocks are removed together depends on all candidates of a phase.
-        if len(self._ends) == len(list_candidates(self._search)):
-            self._search, self._ends = advance(self._search, self._ends), ()
+        if len(self._ends) == len(minimal_search.list_candidates(self._search)):
+            self._search, self._ends = minimal_search.advance(self._search, self._ends), ()
 
     def state(self) -> bytes:
         """Return the state of the search."""
@@ -139,14 +134,14 @@ class Minimal:
             z = archive.take(arrays, "z", self._search.z.shape)
         known = structs.asdict(facts)
         self._ends = known.pop("ends")
-        self._search = Search(z=z, **known)
+        self._search = minimal_search.Search(z=z, **known)
 
 
 def _find_end(result: EpisodeResult) -> int:
     """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
     if result.is_failure:
         return result.steps
-    return NOT_RUN if result.outcome is Outcome.ERRORED else SAFE
+    return minimal_search.NOT_RUN if result.outcome is Outcome.ERRORED else minimal_search.SAFE
 
 
 def _refuse_safe_replay(result: EpisodeResult) -> None:

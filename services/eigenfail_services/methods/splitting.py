@@ -9,14 +9,8 @@ from msgspec import Meta
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.values import episode
 from eigenfail.values.arrays import Floats
-from eigenfail.values.episode import (
-    EpisodeResult,
-    Importance,
-    Outcome,
-    PriorSource,
-    TrajectorySource,
-)
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail_services.methods import RoundSize, archive
@@ -66,12 +60,12 @@ class SplittingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(gt=0.0, le=0.5, description="share of them that is given up at a level")
     ] = 0.1
     importance: Annotated[
-        Importance,
+        episode.Importance,
         Meta(
             description="what tells how close an episode is to a collision: `required_braking`, "
             "`time_to_collision` or `distance`"
         ),
-    ] = Importance.REQUIRED_BRAKING
+    ] = episode.Importance.REQUIRED_BRAKING
     round_size: RoundSize = 10_000
 
     def choose_particles(self, episodes: int) -> int:
@@ -172,19 +166,19 @@ class MultilevelSplitting:
         chosen = self._wave[self._proposed : self._proposed + count]
         self._proposed += len(chosen)
         importance = self._settings.importance
-        return Proposal(tuple(TrajectorySource(z, importance) for z in chosen))
+        return Proposal(tuple(episode.TrajectorySource(z, importance) for z in chosen))
 
     def _propose_plain(self, n: int) -> Proposal:
         left = self._budget - self._count_seen() - self._proposed
         count = min(n, left) if self._explain_refusal() else 0
         self._proposed += count
-        return Proposal((PriorSource(),) * count)
+        return Proposal((episode.PriorSource(),) * count)
 
     def _count_seen(self) -> int:
         """Return the number of episodes of complete levels, and of plain draws with a result."""
         return self._episodes_run + self._errored + self._plain.draws
 
-    def observe(self, results: Sequence[EpisodeResult]) -> None:
+    def observe(self, results: Sequence[episode.EpisodeResult]) -> None:
         """Add the results of episodes. A complete level leads to the next one.
 
         Raises:
@@ -194,7 +188,7 @@ class MultilevelSplitting:
             self._count_plain(results)
             return
         for result in results:
-            is_lost = result.outcome is Outcome.ERRORED
+            is_lost = result.outcome is episode.Outcome.ERRORED
             if not is_lost and result.importance is None:
                 raise LearnerFailed(
                     f"Episode {result.index} came without the importance of its steps.",
@@ -208,12 +202,12 @@ class MultilevelSplitting:
         if len(self._failed) == len(self._wave):
             self._finish_wave()
 
-    def _count_plain(self, results: Sequence[EpisodeResult]) -> None:
+    def _count_plain(self, results: Sequence[episode.EpisodeResult]) -> None:
         before = self._plain
         self._plain = PlainCounts(
             before.draws + len(results),
             before.failures + sum(result.is_failure for result in results),
-            before.errored + sum(result.outcome is Outcome.ERRORED for result in results),
+            before.errored + sum(result.outcome is episode.Outcome.ERRORED for result in results),
         )
         self._proposed -= len(results)
 

@@ -11,12 +11,7 @@ from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, RoundSizes
-from eigenfail_services.methods import RoundSize
-from eigenfail_services.methods.batch_learner import (
-    BatchLearner,
-    SimulationDriver,
-    check_values,
-)
+from eigenfail_services.methods import RoundSize, batch_learner
 from eigenfail_services.statistics import pooled_estimate, subset_estimate, subset_simulation
 from eigenfail_services.statistics.conditional_sampler import Chains
 
@@ -44,7 +39,7 @@ class SubsetMethodSettings(
             )
 
 
-class SubsetMethod(BatchLearner[subset_simulation.SubsetSimulation]):
+class SubsetMethod(batch_learner.BatchLearner[subset_simulation.SubsetSimulation]):
     """Descends the levels of robustness to failures: one run chooses them, the others repeat them.
 
     A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
@@ -68,7 +63,9 @@ class SubsetMethod(BatchLearner[subset_simulation.SubsetSimulation]):
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)
-        check_values("subset", MOST_VALUES, context, "Take method monte_carlo or cem.")
+        batch_learner.check_values(
+            "subset", MOST_VALUES, context, "Take method monte_carlo or cem."
+        )
         self._settings = settings
         super().__init__(context, settings.round_size)
 
@@ -153,7 +150,7 @@ def replay_simulation(
     simulation: subset_simulation.SubsetSimulation, robustness: Sequence[float]
 ) -> dict[bytes, int]:
     """Run a simulation again, and return the index of each failure by the bytes of its noise."""
-    driver, index_of, count = SimulationDriver(simulation), dict[bytes, int](), 0
+    driver, index_of, count = batch_learner.SimulationDriver(simulation), dict[bytes, int](), 0
     while not driver.is_done and count < len(robustness):
         z = driver.take_trajectories(len(robustness) - count)
         values = robustness[count : count + len(z)]

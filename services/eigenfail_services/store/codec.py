@@ -10,16 +10,9 @@ import msgspec
 import numpy as np
 from sqlalchemy import ColumnElement, Connection, Executable, RowMapping, Table, select
 
+from eigenfail.values import campaign
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, Floats, decode_array, encode_array
-from eigenfail.values.campaign import (
-    Campaign,
-    CampaignState,
-    Counts,
-    EpisodeForm,
-    Overhead,
-    RunPart,
-)
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome
@@ -43,22 +36,28 @@ class _Course(msgspec.Struct):
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
-_parts = msgspec.json.Decoder(tuple[RunPart, ...])
-_forms = msgspec.json.Decoder(EpisodeForm)
+_parts = msgspec.json.Decoder(tuple[campaign.RunPart, ...])
+_forms = msgspec.json.Decoder(campaign.EpisodeForm)
 _codes = msgspec.json.Decoder(tuple[Versions, ...])
 _tags = msgspec.json.Decoder(tuple[str, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _courses = msgspec.msgpack.Decoder(_Course, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 
-COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, strict=True))
+COUNTS = dict(
+    zip(campaign.Counts.__struct_encode_fields__, campaign.Counts.__struct_fields__, strict=True)
+)
 """The attributes of `Counts` by the names of their columns."""
 
-OVERHEAD = Overhead.__struct_fields__
+OVERHEAD = campaign.Overhead.__struct_fields__
 
 
 def to_json(
-    value: AnalysisSettings | EpisodeForm | Estimate | tuple[RunPart, ...] | tuple[Versions, ...],
+    value: AnalysisSettings
+    | campaign.EpisodeForm
+    | Estimate
+    | tuple[campaign.RunPart, ...]
+    | tuple[Versions, ...],
 ) -> str:
     """Return the canonical JSON text of a value: equal values have equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
@@ -128,7 +127,7 @@ def to_tags_text(tags: tuple[str, ...]) -> str | None:
     return msgspec.json.encode(tags).decode() if tags else None
 
 
-def to_campaign(found: RowMapping) -> Campaign:
+def to_campaign(found: RowMapping) -> campaign.Campaign:
     """Return a campaign from its row."""
     values: dict[str, Any] = dict(found)
     estimate, parts, code = values.pop("estimate"), values.pop("parts"), values.pop("code")
@@ -145,18 +144,18 @@ def to_campaign(found: RowMapping) -> Campaign:
     )
     # What is left in the row after these are the fields of a campaign under their own names.
     spent = [values.pop(name) for name in OVERHEAD]
-    counts = Counts(**{name: values.pop(column) for column, name in COUNTS.items()})
+    counts = campaign.Counts(**{name: values.pop(column) for column, name in COUNTS.items()})
     found_estimate = None if estimate is None else _estimates.decode(estimate)
-    return Campaign(
+    return campaign.Campaign(
         spec=spec,
-        state=CampaignState(values.pop("state")),
+        state=campaign.CampaignState(values.pop("state")),
         counts=counts,
         # An errored episode may hide a failure, which makes the estimate a lower bound. It may have
         # errored after the estimate was stored.
         estimate=found_estimate and found_estimate.bound_below(counts.errored),
         parts=() if parts is None else _parts.decode(parts),
         code=() if code is None else _codes.decode(code),
-        overhead=Overhead(*spent),
+        overhead=campaign.Overhead(*spent),
         form=_forms.decode(values.pop("form")),
         **values,
     )

@@ -15,19 +15,13 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 import msgspec
 import sqlalchemy as sa
 
+from eigenfail.values import summary
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.records import Totals
 from eigenfail.values.safety import MOST_POINTS, SafetyTotals
-from eigenfail.values.summary import (
-    MOST_LANDINGS,
-    MOST_SAMPLES,
-    BlockTotals,
-    EpisodeSample,
-    SpendingTotals,
-)
 from eigenfail_services.store.engine import Database, StorePart
 from eigenfail_services.store.schema import (
     campaigns,
@@ -186,7 +180,7 @@ class FigureStore(StorePart):
             known |= fresh
         return known
 
-    def course(self, campaign: int, per: int) -> list[BlockTotals]:
+    def course(self, campaign: int, per: int) -> list[summary.BlockTotals]:
         """Return sums over the completed episodes of each block of `per` indices, in order."""
         return self._ask_once(sum_blocks, campaign, per)
 
@@ -198,7 +192,7 @@ class FigureStore(StorePart):
         """
         return self._ask_once(sum_safety, campaign, most)
 
-    def spending(self, campaign: int, most: int = MOST_LANDINGS) -> SpendingTotals:
+    def spending(self, campaign: int, most: int = summary.MOST_LANDINGS) -> summary.SpendingTotals:
         """Return the worker time in the episodes, and when they landed.
 
         The progress is every k-th completed episode by the time that it was stored, then by
@@ -206,7 +200,9 @@ class FigureStore(StorePart):
         """
         return self._ask_once(sum_spending, campaign, most)
 
-    def samples(self, campaign: int, most: int = MOST_SAMPLES) -> tuple[EpisodeSample, ...]:
+    def samples(
+        self, campaign: int, most: int = summary.MOST_SAMPLES
+    ) -> tuple[summary.EpisodeSample, ...]:
         """Return at most `most` of the completed episodes, evenly spread, in index order.
 
         Their indices are multiples of k, for the smallest sufficient k up to the largest index that
@@ -246,7 +242,9 @@ class FigureStore(StorePart):
         return self._database.read(count_results, campaigns)
 
 
-def _read_samples(connection: sa.Connection, campaign: int, most: int) -> tuple[EpisodeSample, ...]:
+def _read_samples(
+    connection: sa.Connection, campaign: int, most: int
+) -> tuple[summary.EpisodeSample, ...]:
     """Return the completed episodes whose index is a multiple of the smallest sufficient k."""
     inside = episodes.c.campaign == campaign
     reach = connection.execute(
@@ -259,7 +257,7 @@ def _read_samples(connection: sa.Connection, campaign: int, most: int) -> tuple[
         .order_by(episode_index)
     )
     return tuple(
-        EpisodeSample(index, Outcome(outcome), robustness_m)
+        summary.EpisodeSample(index, Outcome(outcome), robustness_m)
         for index, outcome, robustness_m in connection.execute(query)
     )
 

@@ -15,16 +15,9 @@ import sqlalchemy as sa
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from eigenfail.values import records
+from eigenfail.values import records, safety
 from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import FAILURES, Outcome
-from eigenfail.values.safety import (
-    FailurePoint,
-    MeasureTotals,
-    RequirementTotals,
-    SafetyTotals,
-    SeveritySample,
-)
 from eigenfail.values.summary import BlockTotals, SpendingTotals, StoredProgress
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import (
@@ -149,7 +142,7 @@ def count_pairs(connection: sa.Connection, first: int, second: int) -> PairTotal
     return PairTotals(*connection.execute(query).one())
 
 
-def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTotals:
+def sum_safety(connection: sa.Connection, campaign: int, most: int) -> safety.SafetyTotals:
     """Return safety measures of the completed episodes, and at most `most` failures as points.
 
     Memory grows with the campaign by two numbers for each failure only.
@@ -160,7 +153,7 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTot
     count, failures = connection.execute(done).one()
     crashed, severities = _read_columns(connection, _select_severities(campaign))
     every = max(1, ceil(len(crashed) / most))
-    return SafetyTotals(
+    return safety.SafetyTotals(
         completed=count,
         failures=failures or 0,
         ttc=_sum_measure(connection, campaign, _TTC),
@@ -171,19 +164,23 @@ def sum_safety(connection: sa.Connection, campaign: int, most: int) -> SafetyTot
     )
 
 
-def sample_severities(connection: sa.Connection, campaign: int, first: int) -> SeveritySample:
+def sample_severities(
+    connection: sa.Connection, campaign: int, first: int
+) -> safety.SeveritySample:
     """Return the severities of the failures from an index on."""
     failed = sa.select(sa.func.sum(_FAILED)).where(
         episodes.c.campaign == campaign, _COMPLETED, episode_index >= first
     )
     query = _select_severities(campaign).where(episode_index >= first)
-    return SeveritySample(
+    return safety.SeveritySample(
         failures=connection.execute(failed).scalar_one() or 0,
         severities=tuple(_read_columns(connection, query)[1].tolist()),
     )
 
 
-def _count_violations(connection: sa.Connection, campaign: int) -> tuple[RequirementTotals, ...]:
+def _count_violations(
+    connection: sa.Connection, campaign: int
+) -> tuple[safety.RequirementTotals, ...]:
     """Count violations of each requirement that the campaign names; none where it names none."""
     value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
@@ -191,12 +188,12 @@ def _count_violations(connection: sa.Connection, campaign: int) -> tuple[Require
         .where(requirement_values.c.campaign == campaign)
         .group_by(number)
     )
-    found = {row[0]: RequirementTotals(*row[1:]) for row in connection.execute(query)}
+    found = {row[0]: safety.RequirementTotals(*row[1:]) for row in connection.execute(query)}
     # One that no episode was judged by has no row.
     return tuple(found.get(each, NOT_JUDGED) for each in range(1, max(found, default=0) + 1))
 
 
-NOT_JUDGED = RequirementTotals(0, 0, None)
+NOT_JUDGED = safety.RequirementTotals(0, 0, None)
 
 
 class _Threshold(NamedTuple):
@@ -219,13 +216,13 @@ _DRAC = _Threshold(
 )
 
 
-def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> MeasureTotals:
+def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> safety.MeasureTotals:
     """Sum up a measure over the completed episodes that have it; an index holds them in order."""
     inside = (episodes.c.campaign == campaign, _COMPLETED, of.column.is_not(None))
     query = sa.select(sa.func.count(), sa.func.count().filter(of.beyond), of.worst).where(*inside)
     count, beyond, worst = connection.execute(query).one()
     if not count:
-        return MeasureTotals()
+        return safety.MeasureTotals()
     middle = (
         sa.select(of.column)
         .where(*inside)
@@ -233,7 +230,7 @@ def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> Me
         .offset((count - 1) // 2)
         .limit(2 - count % 2)
     )
-    return MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
+    return safety.MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
 
 
 def _select_severities(campaign: int) -> sa.Select[*tuple[Any, ...]]:
@@ -250,11 +247,11 @@ def _select_severities(campaign: int) -> sa.Select[*tuple[Any, ...]]:
 
 def _read_points(
     connection: sa.Connection, campaign: int, chosen: Sequence[int]
-) -> tuple[FailurePoint, ...]:
+) -> tuple[safety.FailurePoint, ...]:
     query = sa.select(episodes).where(episodes.c.campaign == campaign, episode_index.in_(chosen))
     rows = map(to_row, connection.execute(query.order_by(episode_index)).mappings())
     return tuple(
-        FailurePoint(
+        safety.FailurePoint(
             row.index, row.log_probability / max(row.steps, 1), row.severity, row.assessed.conflict
         )
         for row in rows

@@ -10,15 +10,8 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values.scene import Mission, VehicleState
+from eigenfail_workers import scenarios
 from eigenfail_workers.motion import minimum_jerk
-from eigenfail_workers.scenarios import (
-    CAR_LENGTH_M,
-    DT_S,
-    TRUCK_LENGTH_M,
-    make_car,
-    make_mission,
-    make_truck,
-)
 
 LEAST_STEPS = 100
 AFTERWARDS_S = 3.0
@@ -110,12 +103,14 @@ class CutIn:
         begins_s = (parameters.initial_gap_m - parameters.distance_m) / closing_mps
         # A short distance at a low closing speed makes a late manoeuvre, which needs more steps.
         over_s = begins_s + parameters.lane_change_s
-        actor_x_m = parameters.initial_gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
+        actor_x_m = (
+            parameters.initial_gap_m + (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
+        )
         return CutInSituation(
-            mission=make_mission(parameters.ego_speed_mps, GOAL_M),
-            steps=max(LEAST_STEPS, ceil((over_s + AFTERWARDS_S) / DT_S)),
-            ego=make_truck(parameters.ego_speed_mps),
-            actors=(make_car(actor_x_m, 1, parameters.actor_speed_mps),),
+            mission=scenarios.make_mission(parameters.ego_speed_mps, GOAL_M),
+            steps=max(LEAST_STEPS, ceil((over_s + AFTERWARDS_S) / scenarios.DT_S)),
+            ego=scenarios.make_truck(parameters.ego_speed_mps),
+            actors=(scenarios.make_car(actor_x_m, 1, parameters.actor_speed_mps),),
             change_begins_s=begins_s,
             change_lasts_s=parameters.lane_change_s,
             final_offset_m=parameters.final_offset_m,

@@ -13,23 +13,9 @@ from msgspec import Meta
 
 from eigenfail.contracts import TrafficModel
 from eigenfail.values.scene import Mission, VehicleState
+from eigenfail_workers import scenarios
 from eigenfail_workers.measures.geometry import find_hidden
-from eigenfail_workers.scenarios import (
-    CAR_LENGTH_M,
-    DT_S,
-    LANE_WIDTH_M,
-    TRUCK_LENGTH_M,
-    make_car,
-    make_mission,
-    make_truck,
-)
-from eigenfail_workers.scenarios.traffic import (
-    FollowerLaw,
-    FollowingCar,
-    LateralShift,
-    PlannedCar,
-    SpeedChange,
-)
+from eigenfail_workers.scenarios import traffic
 
 STEPS: Final = 420
 GOAL_M: Final = 3000.0
@@ -46,12 +32,12 @@ CHALLENGES: Final = ("phantom", "phantom", "reveal", "reveal", "cut-in")
 # between 1e-4 and 1e-3 and at least 10 % of the failures from each of three causes (docs/world.md).
 PASSING_GAP_M: Final = -22.0
 PASSING_FASTER_MPS: Final = 4.0
-PASSING_BRAKES: Final = SpeedChange(begins_s=5.0, lasts_s=4.5, acceleration_mps2=-4.0)
+PASSING_BRAKES: Final = traffic.SpeedChange(begins_s=5.0, lasts_s=4.5, acceleration_mps2=-4.0)
 # Within 2 s the phantom would be far more frequent: the tracker's lateral speed lags behind.
 APPROACH_BEGINS_S, APPROACH_LASTS_S = 0.0, 4.0
 RETURN_BEGINS_S, RETURN_LASTS_S = 7.0, 1.5
 
-FOLLOWER_LAW: Final = FollowerLaw(
+FOLLOWER_LAW: Final = traffic.FollowerLaw(
     gain_per_s=1.0,
     gap_gain_per_s2=0.15,
     delay_steps=10,
@@ -62,9 +48,9 @@ DROPS_BACK_MPS: Final = 8.0
 """Growth of the follower's desired gap after the phantom."""
 
 LEADING_GAP_M: Final = 25.0
-LEADING_SHIFT: Final = LateralShift(begins_s=2.0, lasts_s=3.0, way_m=LANE_WIDTH_M)
+LEADING_SHIFT: Final = traffic.LateralShift(begins_s=2.0, lasts_s=3.0, way_m=scenarios.LANE_WIDTH_M)
 SLOWER_MPS: Final = 12.0
-SLOW_DRIVES_ON: Final = SpeedChange(begins_s=8.0, lasts_s=6.0, acceleration_mps2=2.0)
+SLOW_DRIVES_ON: Final = traffic.SpeedChange(begins_s=8.0, lasts_s=6.0, acceleration_mps2=2.0)
 
 CUT_IN_GAP_M: Final = 94.0
 CUT_IN_LASTS_S: Final = 3.0
@@ -133,7 +119,9 @@ class DriveTraffic:
 
     def __init__(self, situation: HighwayDriveSituation) -> None:
         self._parameters = situation.parameters
-        self._follower: FollowingCar | None = FollowingCar(situation.actors[1], FOLLOWER_LAW, DT_S)
+        self._follower: traffic.FollowingCar | None = traffic.FollowingCar(
+            situation.actors[1], FOLLOWER_LAW, scenarios.DT_S
+        )
         self._cars = {PASSING: (0, make_passing_car(situation.parameters))}
         self._is_slow_revealed = False
 
@@ -142,10 +130,10 @@ class DriveTraffic:
         there: dict[int, VehicleState] = {}
         self._begin_challenge(step, ego)
         for number, (first, car) in self._cars.items():
-            there[number] = car.find_state((step - first) * DT_S)
+            there[number] = car.find_state((step - first) * scenarios.DT_S)
         if self._follower is not None:
             # After the phantom the follower drops back, out of the way of the other challenges.
-            since_s = max(step - REVEAL_STEP, 0) * DT_S
+            since_s = max(step - REVEAL_STEP, 0) * scenarios.DT_S
             desired_gap_m = self._parameters.follower_gap_m + DROPS_BACK_MPS * since_s
             self._follower.follow(ego, desired_gap_m)
             there[FOLLOWING] = self._follower.state
@@ -154,28 +142,30 @@ class DriveTraffic:
         return there
 
     def _begin_challenge(self, step: int, ego: VehicleState) -> None:
-        front_m = ego.x_m + 0.5 * (TRUCK_LENGTH_M + CAR_LENGTH_M)
+        front_m = ego.x_m + 0.5 * (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M)
         # Relative to the truck's present speed, so that each challenge is as hard however it got
         # here.
         slow_mps = max(ego.speed_mps - SLOWER_MPS, LEAST_SPEED_MPS)
         if step == REVEAL_STEP:
-            leading = PlannedCar(
+            leading = traffic.PlannedCar(
                 front_m + LEADING_GAP_M, 0.0, ego.speed_mps, shifts=(LEADING_SHIFT,)
             )
             gap_m = self._parameters.slow_gap_m
-            slow = PlannedCar(front_m + gap_m, 0.0, slow_mps, SLOW_DRIVES_ON)
+            slow = traffic.PlannedCar(front_m + gap_m, 0.0, slow_mps, SLOW_DRIVES_ON)
             self._cars |= {LEADING: (step, leading), SLOW: (step, slow)}
         elif step == CUT_IN_STEP:
             closing_mps = ego.speed_mps - slow_mps
             way_m = CUT_IN_GAP_M - self._parameters.cut_in_distance_m
-            shift = LateralShift(
+            shift = traffic.LateralShift(
                 # A truck that has slowed down to the car's speed would never come near: it then
                 # begins anyway.
                 way_m / max(closing_mps, 1.0),
                 CUT_IN_LASTS_S,
-                CUT_IN_OFFSET_M - LANE_WIDTH_M,
+                CUT_IN_OFFSET_M - scenarios.LANE_WIDTH_M,
             )
-            car = PlannedCar(front_m + CUT_IN_GAP_M, LANE_WIDTH_M, slow_mps, shifts=(shift,))
+            car = traffic.PlannedCar(
+                front_m + CUT_IN_GAP_M, scenarios.LANE_WIDTH_M, slow_mps, shifts=(shift,)
+            )
             self._cars[CUTTING_IN] = (step, car)
 
     def _hide_slow(self, there: dict[int, VehicleState], ego: VehicleState) -> None:
@@ -189,7 +179,7 @@ class DriveTraffic:
 
     def _remove_far_cars(self, there: dict[int, VehicleState], ego: VehicleState) -> None:
         """Leave out, for good, cars that are far away; one car at least always stays."""
-        between_m = 0.5 * (TRUCK_LENGTH_M + CAR_LENGTH_M)
+        between_m = 0.5 * (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M)
         for number, car in list(there.items()):
             way_m = car.x_m - ego.x_m
             is_far = way_m > GONE_AHEAD_M + between_m or way_m < -GONE_BEHIND_M - between_m
@@ -201,17 +191,17 @@ class DriveTraffic:
                     self._follower = None
 
 
-def make_passing_car(parameters: HighwayDriveParameters) -> PlannedCar:
+def make_passing_car(parameters: HighwayDriveParameters) -> traffic.PlannedCar:
     """Return the car of the phantom: it passes on the left, comes close, and brakes."""
-    way_m = parameters.passing_offset_m - LANE_WIDTH_M
-    return PlannedCar(
-        PASSING_GAP_M + 0.5 * (TRUCK_LENGTH_M + CAR_LENGTH_M),
-        LANE_WIDTH_M,
+    way_m = parameters.passing_offset_m - scenarios.LANE_WIDTH_M
+    return traffic.PlannedCar(
+        PASSING_GAP_M + 0.5 * (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M),
+        scenarios.LANE_WIDTH_M,
         parameters.ego_speed_mps + PASSING_FASTER_MPS,
         PASSING_BRAKES,
         (
-            LateralShift(APPROACH_BEGINS_S, APPROACH_LASTS_S, way_m),
-            LateralShift(RETURN_BEGINS_S, RETURN_LASTS_S, -way_m),
+            traffic.LateralShift(APPROACH_BEGINS_S, APPROACH_LASTS_S, way_m),
+            traffic.LateralShift(RETURN_BEGINS_S, RETURN_LASTS_S, -way_m),
         ),
     )
 
@@ -224,14 +214,16 @@ class HighwayDrive:
     def __call__(self, parameters: HighwayDriveParameters, seed: int) -> HighwayDriveSituation:  # noqa: ARG002 - the contract's; nothing is random here
         """Return the situation for some parameters; nothing in it is random."""
         speed_mps = parameters.ego_speed_mps
-        follower_x_m = -parameters.follower_gap_m - 0.5 * (TRUCK_LENGTH_M + CAR_LENGTH_M)
+        follower_x_m = -parameters.follower_gap_m - 0.5 * (
+            scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M
+        )
         return HighwayDriveSituation(
-            mission=make_mission(speed_mps, GOAL_M),
+            mission=scenarios.make_mission(speed_mps, GOAL_M),
             steps=STEPS,
-            ego=make_truck(speed_mps),
+            ego=scenarios.make_truck(speed_mps),
             actors=(
                 make_passing_car(parameters).find_state(0.0),
-                make_car(follower_x_m, 0, speed_mps),
+                scenarios.make_car(follower_x_m, 0, speed_mps),
             ),
             parameters=parameters,
         )

@@ -6,13 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values.scene import Mission, VehicleState
-from eigenfail_workers.scenarios import (
-    CAR_LENGTH_M,
-    TRUCK_LENGTH_M,
-    make_car,
-    make_mission,
-    make_truck,
-)
+from eigenfail_workers import scenarios
 
 # 15 s: within the bounds of the parameters the car has done with braking after 11.7 s.
 STEPS = 150
@@ -79,13 +73,13 @@ class LeadBrake:
 
     def __call__(self, parameters: LeadBrakeParameters, seed: int) -> LeadBrakeSituation:  # noqa: ARG002 - the contract's; nothing is random here
         """Return the situation for some parameters; nothing in it is random."""
-        lead_x_m = parameters.gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
+        lead_x_m = parameters.gap_m + (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
         lost_mps = parameters.speed_mps - parameters.final_speed_mps
         return LeadBrakeSituation(
-            mission=make_mission(parameters.speed_mps, GOAL_M),
+            mission=scenarios.make_mission(parameters.speed_mps, GOAL_M),
             steps=STEPS,
-            ego=make_truck(parameters.speed_mps),
-            actors=(make_car(lead_x_m, 0, parameters.speed_mps),),
+            ego=scenarios.make_truck(parameters.speed_mps),
+            actors=(scenarios.make_car(lead_x_m, 0, parameters.speed_mps),),
             brakes_at_s=parameters.brakes_at_s,
             braking_lasts_s=lost_mps / parameters.deceleration_mps2,
             deceleration_mps2=parameters.deceleration_mps2,

@@ -6,13 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values.scene import Mission, VehicleState
-from eigenfail_workers.scenarios import (
-    CAR_LENGTH_M,
-    TRUCK_LENGTH_M,
-    make_car,
-    make_mission,
-    make_truck,
-)
+from eigenfail_workers import scenarios
 
 STEPS = 200
 DESIRED_SPEED_MPS = 25.0
@@ -72,16 +66,18 @@ class MergeIn:
     def __call__(self, parameters: MergeInParameters, seed: int) -> MergeInSituation:  # noqa: ARG002 - the contract's; nothing is random here
         """Return the situation for some parameters; nothing in it is random."""
         speed_mps = parameters.traffic_speed_mps
-        second_x_m = -parameters.behind_m - (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
-        first_x_m = second_x_m + parameters.gap_s * speed_mps + CAR_LENGTH_M
+        second_x_m = (
+            -parameters.behind_m - (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
+        )
+        first_x_m = second_x_m + parameters.gap_s * speed_mps + scenarios.CAR_LENGTH_M
         return MergeInSituation(
-            mission=make_mission(
-                DESIRED_SPEED_MPS, GOAL_M, 0.5 * TRUCK_LENGTH_M + parameters.ramp_m
+            mission=scenarios.make_mission(
+                DESIRED_SPEED_MPS, GOAL_M, 0.5 * scenarios.TRUCK_LENGTH_M + parameters.ramp_m
             ),
             steps=STEPS,
-            ego=make_truck(parameters.ego_speed_mps),
+            ego=scenarios.make_truck(parameters.ego_speed_mps),
             actors=(
-                make_car(first_x_m, MAIN_LANE, speed_mps),
-                make_car(second_x_m, MAIN_LANE, speed_mps),
+                scenarios.make_car(first_x_m, MAIN_LANE, speed_mps),
+                scenarios.make_car(second_x_m, MAIN_LANE, speed_mps),
             ),
         )

@@ -15,13 +15,7 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeTask,
-    PriorSource,
-    unrunnable,
-)
+from eigenfail.values import episode
 from eigenfail.versions import fingerprint_plugins, versions
 from eigenfail.wire import messages
 from eigenfail.wire.keys import WorkerKey
@@ -115,7 +109,7 @@ class Parent:
             bridge=bool(os.environ.get(ADDRESS_VARIABLE)),
         )
         self._waiting: deque[HeldEpisode] = deque()
-        self._outbox: dict[tuple[int, int], EpisodeResult] = {}
+        self._outbox: dict[tuple[int, int], episode.EpisodeResult] = {}
         self._declined: dict[int, str] = {}
         self._setups = inner_processes.CampaignSetups()
         self._failures = inner_processes.ProcessFailures()
@@ -300,14 +294,16 @@ class Parent:
         self._waiting = deque(held for held in self._waiting if held.campaign not in campaigns)
         self._next_beat_s = 0.0
 
-    def _report(self, campaign: int, result: EpisodeResult) -> None:
+    def _report(self, campaign: int, result: episode.EpisodeResult) -> None:
         try:
             self._hub.send(messages.Results(campaign, (result,)))
         except ProtocolError as error:
             remedy = "Let the simulator end its episodes earlier, or show fewer vehicles."
-            fault = EpisodeFault("simulator", f"The result is too long. {error} {remedy}")
-            task = EpisodeTask(result.index, result.seed, PriorSource())
-            result = replace(unrunnable(task, fault), source=result.source, wall_s=result.wall_s)
+            fault = episode.EpisodeFault("simulator", f"The result is too long. {error} {remedy}")
+            task = episode.EpisodeTask(result.index, result.seed, episode.PriorSource())
+            result = replace(
+                episode.unrunnable(task, fault), source=result.source, wall_s=result.wall_s
+            )
             self._hub.send(messages.Results(campaign, (result,)))
         self._outbox[campaign, result.index] = result
 
@@ -345,8 +341,8 @@ class Parent:
             return
         message = f"The episode {what} (exit status {status})."
         remedy = "Replay it alone with `eigenfail episode replay` to see where it stays or dies."
-        fault = EpisodeFault("infrastructure", f"{message} {remedy}")
-        self._report(held[0].campaign, unrunnable(held[0].task, fault))
+        fault = episode.EpisodeFault("infrastructure", f"{message} {remedy}")
+        self._report(held[0].campaign, episode.unrunnable(held[0].task, fault))
 
     def _feed_child(self) -> None:
         while self._waiting and self._child.has_room:

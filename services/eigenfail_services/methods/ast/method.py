@@ -9,25 +9,12 @@ from msgspec import structs
 
 from eigenfail.contracts import MethodTraits, Reference
 from eigenfail.errors import InvalidValue
+from eigenfail.values import learning
 from eigenfail.values.episode import EpisodeResult, PolicySource
 from eigenfail.values.estimates import Estimate
-from eigenfail.values.learning import (
-    LearnerContext,
-    Policy,
-    Predecessor,
-    Proposal,
-    count_rounds_ahead,
-)
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.ast import decisions
 from eigenfail_services.methods.ast.averaging import PolicyAverage
-from eigenfail_services.methods.ast.decisions import (
-    DissimilarityReward,
-    MahalanobisReward,
-    PaperReward,
-    Reward,
-    is_usable,
-    make_decisions,
-)
 from eigenfail_services.methods.ast.probability import PolicyProbability, read_open_policies
 from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_trainer
 from eigenfail_services.statistics.importance import WeightedFailures
@@ -116,14 +103,14 @@ class RestartRule(msgspec.Struct, frozen=True):
         return max(widening, min(widening * WIDENING, self.largest_amplitude / self.amplitude))
 
 
-def make_reward(settings: AstSettings, context: LearnerContext) -> Reward:
+def make_reward(settings: AstSettings, context: learning.LearnerContext) -> decisions.Reward:
     """Return the reward that the settings name, for the noise of a campaign."""
-    paper = PaperReward(settings.alpha, settings.c_dist)
+    paper = decisions.PaperReward(settings.alpha, settings.c_dist)
     if settings.reward == "mahalanobis":
-        return MahalanobisReward(settings.alpha, settings.c_dist)
+        return decisions.MahalanobisReward(settings.alpha, settings.c_dist)
     if settings.reward == "dissimilarity":
         nothing = np.zeros((0, context.horizon, context.channels), np.float32)
-        return DissimilarityReward(paper, settings.c_dissimilarity, nothing)
+        return decisions.DissimilarityReward(paper, settings.c_dissimilarity, nothing)
     return paper
 
 
@@ -173,7 +160,7 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 FIELD = "settings.warm_start"
 
 
-def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) -> None:
+def _adopt_networks(trainer: Trainer, context: learning.LearnerContext, campaign: int) -> None:
     """Give a new trainer the final networks of an earlier campaign.
 
     Raises:
@@ -191,7 +178,7 @@ def _adopt_networks(trainer: Trainer, context: LearnerContext, campaign: int) ->
         ) from error
 
 
-def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
+def _find_predecessor(context: learning.LearnerContext, campaign: int) -> learning.Predecessor:
     """Return an earlier campaign of `ast` from the context."""
     before = context.predecessor(campaign)
     if before is not None and before.method == "ast":
@@ -228,13 +215,15 @@ class AdaptiveStressTesting:
     )
     lookahead = 1
 
-    def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
+    def __init__(self, context: learning.LearnerContext, settings: AstSettings) -> None:
         settings.check_entropy(context.channels)
         self._settings = settings
         self._reward = make_reward(settings, context)
         self._seed = context.seed
         self._channels = context.channels
-        self.lookahead = count_rounds_ahead(context.parallel, settings.round_size, self.lookahead)
+        self.lookahead = learning.count_rounds_ahead(
+            context.parallel, settings.round_size, self.lookahead
+        )
         self._trainer = self._make_trainer(Attempt())
         self._average = PolicyAverage(settings.averaged)
         self._warm_up = min(settings.warm_up, context.episodes // 4)
@@ -252,7 +241,7 @@ class AdaptiveStressTesting:
         """Number of episodes that the policy was trained with; constant after convergence."""
         return self._facts.trained
 
-    def propose(self, n: int) -> Proposal:
+    def propose(self, n: int) -> learning.Proposal:
         """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
         # Before the policy is made: workers keep a version as they first got it.
@@ -263,7 +252,7 @@ class AdaptiveStressTesting:
         self._probability.begin(facts.proposed, policy)
         return _propose_policy(policy, count)
 
-    def exploit(self, n: int) -> Proposal:
+    def exploit(self, n: int) -> learning.Proposal:
         """Return n episodes with the mean of the last policies at the last amplitude."""
         return _propose_policy(self._make_final_policy(), n)
 
@@ -296,7 +285,7 @@ class AdaptiveStressTesting:
         self._probability.end(first, results)
         # A round that was proposed before a restart has the old amplitude, and is not learnt from.
         if not self._facts.converged and first >= self._facts.attempt.first:
-            self._add_to_buffer([result for result in results if is_usable(result)])
+            self._add_to_buffer([result for result in results if decisions.is_usable(result)])
             # Before training: the policy that has converged is kept, without another step.
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
@@ -337,11 +326,11 @@ class AdaptiveStressTesting:
         """Return the amplitude of the present attempt. [sigma]"""
         return self._settings.amplitude * self._facts.attempt.widening
 
-    def _make_final_policy(self) -> Policy:
+    def _make_final_policy(self) -> learning.Policy:
         facts = self._facts.with_amplitude(self._get_amplitude())
         return self._average.apply(self._make_policy(facts))
 
-    def _make_policy(self, facts: AstFacts) -> Policy:
+    def _make_policy(self, facts: AstFacts) -> learning.Policy:
         """Return the present actor, with version and amplitude of a state."""
         actor = self._trainer.policy(facts.version)
         return structs.replace(actor, amplitude=facts.amplitude)
@@ -351,7 +340,7 @@ class AdaptiveStressTesting:
         facts, fresh = self._facts, self._facts.fresh
         process, amplitude = self._settings.process(), self._get_amplitude()
         for result in results:
-            found = make_decisions(result, self._reward, process, amplitude)
+            found = decisions.make_decisions(result, self._reward, process, amplitude)
             self._trainer.add(found)
             fresh += len(found.rewards)
         self._reward = self._reward.update(results)
@@ -402,6 +391,6 @@ class AdaptiveStressTesting:
             self._average = PolicyAverage(self._settings.averaged)
 
 
-def _propose_policy(policy: Policy, count: int) -> Proposal:
+def _propose_policy(policy: learning.Policy, count: int) -> learning.Proposal:
     """Return a proposal of episodes with one policy."""
-    return Proposal((PolicySource(policy.version),) * count, policy)
+    return learning.Proposal((PolicySource(policy.version),) * count, policy)
