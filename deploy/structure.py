@@ -221,27 +221,21 @@ def check_budgets(
 def check_circles(trees: Trees) -> Iterator[str]:
     """Find a circle of imports, those within functions included."""
     modules = {_name_module(path): tree for path, tree in trees.items()}
-    graph = {name: _find_imports(tree, modules) - {name} for name, tree in modules.items()}
+    graph = {name: _find_imports(tree) & modules.keys() - {name} for name, tree in modules.items()}
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         yield f"Circle of imports: {' <- '.join(error.args[1])}."
 
 
-def _find_imports(tree: ast.Module, modules: Mapping[str, ast.Module]) -> set[str]:
-    """Return the modules whose names a module takes.
-
-    `from package import module` takes no name of the package, as little as `from package.module
-    import name` does: both run its `__init__`.
-    """
+def _find_imports(tree: ast.Module) -> set[str]:
     found = set()
     for node in _walk_run_time(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
-            names = {f"{node.module}.{alias.name}" for alias in node.names}
-            found |= names if names <= modules.keys() else {node.module, *names}
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-    return found & modules.keys()
+    return found
 
 
 def _walk_run_time(node: ast.AST) -> Iterator[ast.AST]:
