@@ -6,6 +6,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from eigenfail import logs, processes
@@ -171,7 +172,13 @@ def _list_parameters(spec: CampaignSpec, seeds: NDArray[np.int64]) -> Iterator[P
             for name, value in spec.scenario_parameters.items()
         }
         return (given for _ in seeds)
-    return world.variation(spec).table(seeds.tolist())
+    variation = world.variation(spec)
+    shared = {
+        name: value
+        for name, value in asdict(next(variation.corners())).items()
+        if name not in variation.searched
+    }
+    return (shared | variation.drawn(seed) for seed in seeds.tolist())
 
 
 def make_columns(

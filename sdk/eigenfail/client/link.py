@@ -238,13 +238,14 @@ class Link:
                 "url", f"'{base_url}' is not an address.", f"Use the form {LIKE}."
             )
         self.base_url = base_url
+        authorization = {} if key is None else {"Authorization": f"Bearer {key}"}
         self._http = httpx2.Client(
             base_url=base_url,
             transport=transport,
             timeout=TIMEOUT,
             # A proxy of the environment would look for the service on its own machine.
             trust_env=not is_loopback(httpx2.URL(base_url).host),
-            headers={"User-Agent": f"eigenfail/{__version__}", **_make_headers(key)},
+            headers={"User-Agent": f"eigenfail/{__version__}", **authorization},
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
@@ -427,10 +428,6 @@ def read_refusal(response: httpx2.Response) -> errors.EigenfailError:
         remedy = "Make sure that an eigenfail service of this version listens there."
         untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
         return make_error(untold)
-
-
-def _make_headers(key: str | None) -> dict[str, str]:
-    return {} if key is None else {"Authorization": f"Bearer {key}"}
 
 
 def _encode_body(body: object) -> bytes:

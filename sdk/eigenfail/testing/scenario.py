@@ -44,7 +44,9 @@ def is_plausible(scenario: Scenario) -> None:
             named = len(situation.challenges) >= len(situation.actors)
             expect(named, "There are more vehicles than `challenges` names.")
         for vehicle in (situation.ego, *situation.actors):
-            expect(_is_finite(vehicle), f"{vehicle} is not made of finite numbers.")
+            # A sum with NaN or infinity in it is not finite.
+            is_finite = isfinite(sum(msgspec.structs.astuple(vehicle)))
+            expect(is_finite, f"{vehicle} is not made of finite numbers.")
             expect(min(vehicle.length_m, vehicle.width_m) > 0.0, f"{vehicle} has no footprint.")
 
 
@@ -193,11 +195,6 @@ def _separated(one: VehicleState, other: VehicleState) -> bool:
     reach_along = 0.5 * (one.length_m + other.length_m * c + other.width_m * s)
     reach_across = 0.5 * (one.width_m + other.length_m * s + other.width_m * c)
     return abs(along) > reach_along or abs(across) > reach_across
-
-
-def _is_finite(vehicle: VehicleState) -> bool:
-    # A sum with NaN or infinity in it is not finite.
-    return isfinite(sum(msgspec.structs.astuple(vehicle)))
 
 
 SCENARIO_CHECKS: tuple[Callable[[Scenario], None], ...] = (

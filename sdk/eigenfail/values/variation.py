@@ -11,7 +11,7 @@ a Gaussian copula.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from math import erfc, inf, isfinite, prod, sqrt
 from statistics import NormalDist
@@ -167,7 +167,7 @@ KINDS: dict[str, type[Distribution]] = {
 }
 
 
-class Variation(msgspec.Struct, frozen=True, eq=False):
+class Variation(msgspec.Struct, frozen=True, eq=False, dict=True):
     """The parameters of a scenario, each fixed or drawn; made by `read_variation`.
 
     Attributes:
@@ -200,7 +200,9 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
 
     def drawn(self, seed: int) -> dict[str, Any]:
         """Those of the episode's parameters that are drawn from its seed, by name."""
-        return self._drawn(seed, self._like())
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(VARIATION_STREAM,)))
+        like = self._like
+        return {name: one.draw(random, getattr(like, name)) for name, one in self.varied.items()}
 
     def place(self, z: Mapping[str, float]) -> dict[str, Any]:
         """The values of parameters that are searched, from the standard normal z of each.
@@ -208,10 +210,8 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         A correlated parameter is the quantile of what the Cholesky factor of the correlations makes
         of its z and of those before it, which is standard normal, too.
         """
-        # To read parameters takes longer than all else here, and most campaigns search none.
-        like = self._like() if z else None
         return {
-            name: self.searched[name].find_quantile(STANDARD.cdf(each), getattr(like, name))
+            name: self.searched[name].find_quantile(STANDARD.cdf(each), getattr(self._like, name))
             for name, each in self._correlate(z).items()
         }
 
@@ -224,20 +224,10 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         correlated = factor @ np.array([z[name] for name in names])
         return dict(zip(names, correlated.tolist(), strict=True))
 
-    def table(self, seeds: Iterable[int]) -> Iterator[dict[str, Any]]:
-        """All parameters of the episodes with these seeds, but those that are searched, by name."""
-        like = self._like()
-        everything = msgspec.structs.asdict(like).items()
-        shared = {name: value for name, value in everything if name not in self.searched}
-        return (shared | self._drawn(seed, like) for seed in seeds)
-
+    @cached_property
     def _like(self) -> Any:
-        """Parameters of the right kinds."""
-        return self._read(next(self._combinations()))
-
-    def _drawn(self, seed: int, like: Any) -> dict[str, Any]:
-        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(VARIATION_STREAM,)))
-        return {name: one.draw(random, getattr(like, name)) for name, one in self.varied.items()}
+        """Parameters of the right kinds. To read them takes longer than to draw from them."""
+        return next(self.corners())
 
     def corners(self) -> Iterator[Any]:
         """The parameters at all combinations of the distributions' ends.

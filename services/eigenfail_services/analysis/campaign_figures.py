@@ -9,21 +9,10 @@ from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
-from eigenfail.values import safety
+from eigenfail.values import safety, summary
 from eigenfail.values.campaign import Campaign, Counts
 from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.summary import (
-    MOST_BLOCKS,
-    BlockTotals,
-    Conflicts,
-    CostPoint,
-    Course,
-    CourseBlock,
-    SpendingTotals,
-    TimeSplit,
-    Unresolved,
-)
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.statistics.comparison import rank_correlation
@@ -34,7 +23,9 @@ FEWEST_BLOCKS = 10
 MOST_BLOCKS_SHOWN = 50
 
 
-def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
+def make_course(
+    campaign: Campaign, per: int, totals: Sequence[summary.BlockTotals]
+) -> summary.Course:
     """Return the course of failures, their likelihood and robustness.
 
     Args:
@@ -43,7 +34,7 @@ def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> 
         totals: totals of the blocks that have a completed episode.
     """
     learns = traits_of(campaign.spec.method).learns
-    return Course(
+    return summary.Course(
         campaign=campaign.id,
         method=campaign.spec.method,
         heading="Learning curve" if learns else "Failures over episodes",
@@ -52,10 +43,10 @@ def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> 
     )
 
 
-def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBlock:
+def _make_block(totals: summary.BlockTotals, per: int, campaign: Campaign) -> summary.CourseBlock:
     """Return a block; the last of a campaign may be shorter."""
     steps = totals.steps
-    return CourseBlock(
+    return summary.CourseBlock(
         first=totals.first,
         last=min(totals.first + per, campaign.counts.planned) - 1,
         failure_rate=SamplingDesign.of([campaign.spec]).make_rate(
@@ -80,9 +71,9 @@ def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
     reach = max(counts.planned - counts.cancelled, 1)
     if wanted is None:
         return max(min(BLOCK_LENGTH, ceil(reach / FEWEST_BLOCKS)), ceil(reach / MOST_BLOCKS_SHOWN))
-    least = ceil(counts.planned / MOST_BLOCKS)
+    least = ceil(counts.planned / summary.MOST_BLOCKS)
     if wanted < least:
-        problem = f"{wanted} episodes a block could make more than {MOST_BLOCKS} blocks."
+        problem = f"{wanted} episodes a block could make more than {summary.MOST_BLOCKS} blocks."
         raise InvalidValue("per", problem, f"Take at least {least}.")
     return wanted
 
@@ -153,7 +144,7 @@ def bill_usd(campaign: Campaign, active_s: float) -> float:
     return campaign.spec.price_usd_per_hour * sum_instance_hours(campaign, active_s)
 
 
-def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
+def split_time(campaign: Campaign, totals: summary.SpendingTotals) -> summary.TimeSplit:
     """Return how the time that was billed was spent; the parts sum to it."""
     # The parts must sum to the bill: each is cut to what the others leave.
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
@@ -166,7 +157,7 @@ def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
     lost_s = busy_s * lost_share
     idle_s = campaign.active_s - busy_s
     learning_s = min(overhead.learning_s, idle_s)
-    return TimeSplit(
+    return summary.TimeSplit(
         active_s=campaign.active_s,
         worker_s=worker_s,
         simulation_s=busy_s - lost_s,
@@ -179,8 +170,8 @@ def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
 
 
 def make_cost_curve(
-    campaign: Campaign, totals: SpendingTotals, modes: KnownModes
-) -> Iterator[CostPoint]:
+    campaign: Campaign, totals: summary.SpendingTotals, modes: KnownModes
+) -> Iterator[summary.CostPoint]:
     """Yield the points of the cost curve, from nothing spent to the whole bill."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     # The curve begins where nothing is spent, or its first step would not show.
@@ -196,10 +187,10 @@ def make_cost_curve(
 
 def _make_point(
     campaign: Campaign, active_s: float, found: tuple[int, int], modes: int | None
-) -> CostPoint:
+) -> summary.CostPoint:
     """Return the numbers of episodes and failures up to an active time."""
     completed, failures = found
-    return CostPoint(
+    return summary.CostPoint(
         usd=bill_usd(campaign, active_s),
         active_s=active_s,
         completed=completed,
@@ -256,8 +247,8 @@ NO_TRAFFIC = "Near misses, MinTTC, DRAC and conflict classes are not measured fo
 def make_safety(
     campaign: Campaign,
     totals: safety.SafetyTotals,
-    conflicts: Conflicts,
-    unresolved: Unresolved,
+    conflicts: summary.Conflicts,
+    unresolved: summary.Unresolved,
     level: float = safety.TAIL_LEVEL,
 ) -> safety.Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
@@ -379,8 +370,8 @@ def _count_violations(
 def _list_notes(
     campaign: Campaign,
     totals: safety.SafetyTotals,
-    unresolved: Unresolved,
-    conflicts: Conflicts,
+    unresolved: summary.Unresolved,
+    conflicts: summary.Conflicts,
 ) -> Iterator[str]:
     """Yield the remarks on what the numbers leave out."""
     if words := unresolved.words(totals.completed):

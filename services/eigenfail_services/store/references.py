@@ -73,14 +73,11 @@ def find_noise_in_use(connection: sa.Connection, campaign: int | None = None) ->
     """
     mine = () if campaign is None else (analyses.c.campaign == campaign,)
     read = sa.select(analyses.c.campaign).where(*mine, analyses.c.state.in_(UNFINISHED))
-    specs = sa.select(campaigns.c.spec).where(campaigns.c.state.in_(OPEN), _names_campaigns())
+    # Most specs name no campaign, and need not be read.
+    naming = sa.or_(*(campaigns.c.spec.contains(f'"{name}"') for name in sorted(NAMING)))
+    specs = sa.select(campaigns.c.spec).where(campaigns.c.state.in_(OPEN), naming)
     named = (_named.decode(text).settings for text in connection.execute(specs).scalars())
     return frozenset(connection.execute(read).scalars()).union(*map(find_named_campaigns, named))
-
-
-def _names_campaigns() -> sa.ColumnElement[bool]:
-    """Return the condition that a spec may name a campaign: most need not be read."""
-    return sa.or_(*(campaigns.c.spec.contains(f'"{name}"') for name in sorted(NAMING)))
 
 
 def hold_named_noise(connection: sa.Connection, specs: Iterable[CampaignSpec]) -> None:

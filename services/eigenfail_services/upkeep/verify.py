@@ -409,7 +409,8 @@ def verify(address: str, how_many_replays: int = 0) -> Verification:
         try:
             checks = _run_checks(database, FILE_CHECKS.get(kind, ()))
         except errors.StoreDamaged as error:  # not a single page of it can be read
-            return Verification(backend.label, (_describe_unreadable(error),))
+            damage = Defect("file", error.problem, error.remedy)
+            return Verification(backend.label, (Check(PAGES.name, PAGES.promise, 1, (damage,)),))
         if any(check.defects for check in checks):
             return Verification(backend.label, checks)
         # The version is read after the pages were checked: a damaged file may hold any version.
@@ -417,11 +418,6 @@ def verify(address: str, how_many_replays: int = 0) -> Verification:
         more = (make_replay_check(database, how_many_replays),) if how_many_replays else ()
         checks += _run_checks(database, (*ROW_CHECKS.get(kind, ()), *CHECKS, *more))
         return Verification(backend.label, checks)
-
-
-def _describe_unreadable(error: errors.StoreDamaged) -> Check:
-    """Return the check of a file that cannot be opened."""
-    return Check(PAGES.name, PAGES.promise, 1, (Defect("file", error.problem, error.remedy),))
 
 
 def _run_checks(database: Database, questions: Sequence[IntegrityCheck]) -> tuple[Check, ...]:
