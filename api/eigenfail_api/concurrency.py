@@ -95,7 +95,9 @@ class ConcurrencyLimit:
     async def stream(self, parts: Iterator[bytes]) -> AsyncIterator[bytes]:
         """Yield the parts of an answer, each of which occupies a place only while it is made.
 
-        So streams of clients that read slowly keep nobody waiting.
+        So streams of clients that read slowly keep nobody waiting. A stream waits without limit:
+        its answer has begun. Make the limit a dependency of the route as well, which refuses a
+        stream when too many wait to begin.
         """
         while True:
             async with self._places():

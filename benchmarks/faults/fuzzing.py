@@ -240,7 +240,7 @@ def is_last_result(said: m.Message) -> bool:
 
 
 def at_the_engine(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
-    """An engine on a bridge, and n bent answers of the bridge in version 2 of its protocol."""
+    """An engine on a bridge, and n bent answers of the bridge."""
     before = resident_bytes()
     escapes, answered = fuzzing_bridge.at_the_engine(n, seed)
     return Fuzzed(n, escapes, resident_bytes() - before, answered)

@@ -133,6 +133,10 @@ def make_refusal(
         kind: the type that was wanted; its annotations carry the bounds.
         given: the whole value, as plain data.
         field: where the whole value stood.
+
+    Returns:
+        UnknownName if a field or a kind is unknown and the known ones can be told, otherwise
+        InvalidValue.
     """
     # msgspec says all of it in one text alone, which is taken apart here: its errors have no
     # attributes. tests/sdk/test_settings.py fails if a release of msgspec words them otherwise.

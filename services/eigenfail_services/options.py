@@ -127,8 +127,8 @@ def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
     """Return the launcher that the options name.
 
     Raises:
-        InvalidValue: the numbers of workers do not go together; or they, or a running Ray, are
-            given to a launcher that has no use for them.
+        InvalidValue: the numbers of workers do not go together, or are given to the launcher none;
+            or a running Ray is given to the launcher local.
     """
     least, most, idle_s = arguments.min_workers, arguments.max_workers, arguments.idle_s
     launcher = Launcher(arguments.launcher)

@@ -56,13 +56,10 @@ def read_details(scope: Scope) -> str:
 
 def format_details(fields: Iterator[tuple[str, Any]]) -> str:
     """Return fields with their values as JSON, cut where they are long, without any key."""
-    texts = (f"{name} = {_cut(_encode(value), LONGEST_VALUE)}" for name, value in fields)
-    return _cut(", ".join(texts), LONGEST_DETAILS)
-
-
-def _encode(value: Any) -> str:
     # First taken out, then cut: half of a key would not be recognised.
-    return redact(msgspec.json.encode(value).decode())
+    values = ((name, redact(msgspec.json.encode(value).decode())) for name, value in fields)
+    texts = (f"{name} = {_cut(value, LONGEST_VALUE)}" for name, value in values)
+    return _cut(", ".join(texts), LONGEST_DETAILS)
 
 
 def _cut(text: str, longest: int) -> str:

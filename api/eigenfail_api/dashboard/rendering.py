@@ -124,6 +124,7 @@ class CampaignFile(NamedTuple):
         address: address of the file, with `{campaign}` in the place of the campaign's id.
         is_button: whether it is a button beside the list of files, and not in the list.
         is_page: whether it is a page, which a browser shows and does not store.
+        suits: returns whether a campaign has the file; absent if each has it.
     """
 
     title: str
@@ -131,6 +132,7 @@ class CampaignFile(NamedTuple):
     address: str
     is_button: bool = False
     is_page: bool = False
+    suits: Callable[[Campaign], bool] | None = None
 
 
 class ForeignLinks(NamedTuple):

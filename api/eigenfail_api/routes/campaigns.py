@@ -176,7 +176,7 @@ def _launch(
     wanted = drafts.validate_campaign(spec, store)
     # A repeated request is answered as the first one was, whatever workers are connected now.
     if not store.campaigns.is_key_used(key):
-        validation.check_offers(wanted, store.roster.list_offers())
+        validation.check_offers(wanted, store.roster.list_offers)
     made = store.campaigns.create(wanted.spec, key, made_by, wanted.form)
     return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 

@@ -197,10 +197,14 @@ def make_source(
 
 Source = Annotated[export_formats.ExportSource, Depends(make_source)]
 
+# A portion of episodes with their noise takes a second and much memory to encode.
+EXPORTS = ConcurrencyLimit("exports")
+
 
 @router.get(
     "/campaigns/{campaign}/episodes.csv",
     response_class=StreamingResponse,
+    dependencies=[Depends(EXPORTS, scope="function")],
     **document_file(CSV),
 )
 def stream_csv(source: Source) -> StreamingResponse:
@@ -211,6 +215,7 @@ def stream_csv(source: Source) -> StreamingResponse:
 @router.get(
     "/campaigns/{campaign}/episodes.ndjson",
     response_class=StreamingResponse,
+    dependencies=[Depends(EXPORTS, scope="function")],
     **document_file(NDJSON),
 )
 def stream_ndjson(source: Source) -> StreamingResponse:
@@ -221,6 +226,7 @@ def stream_ndjson(source: Source) -> StreamingResponse:
 @router.get(
     "/campaigns/{campaign}/episodes.parquet",
     response_class=StreamingResponse,
+    dependencies=[Depends(EXPORTS, scope="function")],
     **document_file(PARQUET),
 )
 def stream_parquet(source: Source, with_noise: WithNoise = False) -> StreamingResponse:
@@ -228,10 +234,6 @@ def stream_parquet(source: Source, with_noise: WithNoise = False) -> StreamingRe
     export_formats.require_pyarrow()
     content = export_formats.write_parquet(source, noise=with_noise)
     return _stream(source, content, PARQUET, "parquet")
-
-
-# A portion of episodes with their noise takes a second and much memory to encode.
-EXPORTS = ConcurrencyLimit("exports")
 
 
 def _stream(

@@ -7,7 +7,6 @@ import typer
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
-from eigenfail.presentation.terminal import render
 from eigenfail_failing_region.client import ask_region
 from eigenfail_failing_region.presentation import describe_region
 
@@ -26,4 +25,4 @@ CampaignIds = Annotated[
 def region(client: Client, campaigns: CampaignIds) -> CommandResult:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
     found = ask_region(client, campaigns)
-    return CommandResult(found, lambda: render(*describe_region(found)))
+    return CommandResult(found, *describe_region(found))

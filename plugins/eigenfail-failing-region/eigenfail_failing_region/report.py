@@ -16,10 +16,20 @@ WORDS = (
     "on one half of the episodes; all figures are of the other half, with intervals of 95 %."
 )
 COLUMNS = (
-    *tables.name_columns("Campaigns", "Where"),
+    *tables.name_columns("Campaigns"),
+    *tables.count_columns("Part"),
+    *tables.name_columns("Where"),
     tables.TableColumn("Share of the failures inside", "share"),
+    *tables.count_columns("Failures"),
     tables.TableColumn("Failure rate inside", "share"),
     *tables.count_columns("Failed", "Episodes"),
+)
+BOUNDS = (
+    *tables.name_columns("Campaigns"),
+    *tables.count_columns("Part"),
+    *tables.name_columns("Parameter"),
+    *(tables.TableColumn(title) for title in ("Low", "High")),
+    *tables.name_columns("Unit"),
 )
 
 
@@ -32,8 +42,14 @@ def describe_regions(store: Store, campaigns: Sequence[Campaign]) -> tuple[table
     if not found:
         return ()
     sentences = (sentence for region in found for sentence in _describe_chance(region))
-    rows = tuple(row for region in found for row in _list_boxes(region))
-    return (WORDS, *sentences, tables.Table("Parts of the failing region", COLUMNS, rows))
+    parts = tuple(row for region in found for row in _list_boxes(region))
+    bounds = tuple(row for region in found for row in _list_bounds(region))
+    return (
+        WORDS,
+        *sentences,
+        tables.Table("Parts of the failing region", COLUMNS, parts),
+        tables.Table("Their bounds", BOUNDS, bounds),
+    )
 
 
 def _find_regions(store: Store, campaigns: Sequence[Campaign]) -> Iterator[Region]:
@@ -65,6 +81,14 @@ def _describe_chance(region: Region) -> Iterator[str]:
 
 
 def _list_boxes(region: Region) -> Iterator[tuple[tables.Cell, ...]]:
-    for box in region.boxes:
+    for part, box in enumerate(region.boxes, 1):
+        inside = (box.coverage, box.coverage.n)
         counts = (box.precision.k, box.precision.n) if box.precision else (None, None)
-        yield (_list_ids(region), box.words, box.coverage, box.precision, *counts)
+        yield (_list_ids(region), part, box.words, *inside, box.precision, *counts)
+
+
+def _list_bounds(region: Region) -> Iterator[tuple[tables.Cell, ...]]:
+    for part, box in enumerate(region.boxes, 1):
+        for bound in box.bounds:
+            ends = (bound.low, bound.high)
+            yield (_list_ids(region), part, bound.parameter, *ends, bound.unit or None)

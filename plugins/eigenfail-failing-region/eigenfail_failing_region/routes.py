@@ -6,6 +6,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
+from eigenfail.values.campaign import Campaign
 from eigenfail.wire.http import PREFIX
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import SerialExecutor
@@ -16,6 +17,7 @@ from eigenfail_api.routes.analyses import parse_ids
 from eigenfail_failing_region.campaigns import find_region_in_process
 from eigenfail_failing_region.presentation import describe_region
 from eigenfail_failing_region.values import Region
+from eigenfail_services.campaigns.validation import is_distribution
 
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 pages = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -56,10 +58,17 @@ async def show_boxes(store: parameters.Stored, campaign: parameters.CampaignId) 
     return page(PAGE, seen, found=describe_region(found))
 
 
+def varies(campaign: Campaign) -> bool:
+    """Return whether a campaign draws a parameter of its scenario for each episode."""
+    return any(map(is_distribution, campaign.spec.scenario_parameters.values()))
+
+
 extension = Extension(
     routers=(router, pages),
     templates="eigenfail_failing_region",
     campaign_files=(
-        CampaignFile("Failing region", "page", "/campaigns/{campaign}/region", is_page=True),
+        CampaignFile(
+            "Failing region", "page", "/campaigns/{campaign}/region", is_page=True, suits=varies
+        ),
     ),
 )

@@ -2,42 +2,52 @@
 
 An entry point of the group `eigenfail.report_sections` names a function of the store and the
 campaigns of a report. It returns sentences and tables, which need nothing of this package, or
-nothing where it has nothing to say. The entry point's name is the name of the section.
+nothing if it has nothing to say. The entry point's name is the name of the section: letters in
+lower case, digits and dashes.
 """
 
 import logging
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+
+import msgspec
 
 from eigenfail import plugins
-from eigenfail.errors import EigenfailError
 from eigenfail.presentation.tables import Block, Table, TableColumn, format_line
 from eigenfail.presentation.tables import Cell as TableCell
 from eigenfail.values.estimates import Rate
-from eigenfail_reports.contents import Cell, ReportTable
+from eigenfail_reports.contents import Cell, ReportTable, Slug
 from eigenfail_reports.material import Material
 from eigenfail_reports.outcomes import list_bounds
-from eigenfail_reports.page import Grid, ReportPart, make_table
+from eigenfail_reports.page import MOST_ROWS, Grid, ReportPart, make_table
 
 GROUP = "eigenfail.report_sections"
 
 log = logging.getLogger(__name__)
 
 
-def make_foreign_parts(material: Material) -> Iterator[ReportPart]:
+def make_foreign_parts(material: Material, taken: Collection[str]) -> Iterator[ReportPart]:
     """Yield the sections of other plug-ins, sorted by name.
 
-    One that cannot be loaded is logged and left out: the report must work without it.
+    One that fails, or whose name is taken or makes no name of a file, is logged and left out: the
+    report must work without it.
+
+    Args:
+        material: what the report is on.
+        taken: names of the sections and tables that the report has already.
     """
     campaigns = tuple(subject.campaign for subject in material.subjects)
     for name in plugins.names(GROUP):
         try:
-            describe = plugins.load(GROUP, name)
-        except EigenfailError:
+            blocks = plugins.load(GROUP, name)(material.store, campaigns)
+            part = make_part(msgspec.convert(name, Slug), blocks) if blocks else None
+            if part and {name, *(table.name for table in part.tables)} & set(taken):
+                raise ValueError(f"The report has a section or a table '{name}' already.")  # noqa: TRY301
+        except Exception:
             log.exception("The section '%s' is left out of reports.", name)
-            continue
-        if blocks := describe(material.store, campaigns):
-            yield make_part(name, blocks)
+        else:
+            if part:
+                yield part
 
 
 def make_part(name: str, blocks: Sequence[Block]) -> ReportPart:
@@ -46,16 +56,23 @@ def make_part(name: str, blocks: Sequence[Block]) -> ReportPart:
     Args:
         name: name of the section, with dashes for spaces: its title, and the name of its tables.
         blocks: sentences and tables.
+
+    Raises:
+        TypeError: a block is neither.
     """
+    if wrong := [block for block in blocks if not isinstance(block, str | Table)]:
+        raise TypeError(f"{wrong[0]!r} is neither a sentence nor a Table.")
     tables = [block for block in blocks if isinstance(block, Table)]
     names = [name if place == 1 else f"{name}-{place}" for place in range(1, len(tables) + 1)]
     numbered = list(zip(names, tables, strict=True))
+    # A longer table is shown as numbers, of which the page cuts what is too much.
+    read = [(each, table) for each, table in numbered if 0 < len(table.rows) <= MOST_ROWS]
     return ReportPart(
         name=name,
         title=name.replace("-", " ").capitalize(),
-        words=tuple(block for block in blocks if isinstance(block, str)),
+        words=tuple(block for block in blocks if block and isinstance(block, str)),
         tables=tuple(make_report_table(each, table) for each, table in numbered),
-        grids={each: (make_grid(table),) for each, table in numbered if table.rows},
+        grids={each: (make_grid(table),) for each, table in read},
     )
 
 
@@ -68,10 +85,10 @@ def make_grid(table: Table) -> Grid:
 def make_report_table(name: str, table: Table) -> ReportTable:
     """Return a table as unrounded numbers; a rate has two more columns, with its bounds."""
     columns: list[tuple[str, str, str]] = []
-    has_rates = []
-    for place, column in enumerate(table.columns):
-        has_rates.append(any(isinstance(row[place], Rate) for row in table.rows))
-        columns += _name_columns(column, has_rates[-1])
+    # By the column, not by its cells: the same file has the same columns, whatever was found.
+    has_rates = [column.unit == "share" for column in table.columns]
+    for column, has_rate in zip(table.columns, has_rates, strict=True):
+        columns += _name_columns(column, has_rate)
     rows = [
         tuple(
             number

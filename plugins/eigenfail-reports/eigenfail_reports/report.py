@@ -127,10 +127,12 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
 
 def list_parts(material: Material) -> Iterator[ReportPart]:
     """Yield the sections that have something to say."""
+    taken: set[str] = {"provenance"}
     for make_part in PARTS:
         if part := make_part(material):
+            taken |= {part.name, *(table.name for table in part.tables)}
             yield part
-    yield from foreign_sections.make_foreign_parts(material)
+    yield from foreign_sections.make_foreign_parts(material, taken)
     yield outcomes.make_provenance(material)
 
 

@@ -33,6 +33,7 @@ from eigenfail.gate.results import GateSummary
 from eigenfail.gate.verdicts import CLOSING, GateVerdict, join_counts
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
+from eigenfail.methods import traits_of
 from eigenfail.presentation import tables
 from eigenfail.presentation.campaigns import ID
 from eigenfail.suites import Suite
@@ -121,11 +122,12 @@ def describe_report(report: GateReport) -> Iterator[tables.Block]:
 
 
 def _point_to_releases(report: GateReport) -> Iterator[str]:
-    """Yield the commands that show what became of each failure mode over all versions."""
-    campaigns = [member.rerun.now.campaign for member in report.members if member.rerun]
-    commands = ", ".join(f"eigenfail release show {campaign}" for campaign in campaigns)
+    """Yield what to type to see what became of each failure mode over all versions."""
+    reruns = (member.rerun for member in report.members if member.rerun)
+    searches = (rerun for rerun in reruns if traits_of(rerun.method).finds_new)
+    commands = ", ".join(f"eigenfail release show {each.now.campaign}" for each in searches)
     if commands:
-        yield f"Failure modes over all versions, once they are analysed: {commands}."
+        yield f"Failure modes over all versions: analyse the new campaigns, then: {commands}"
 
 
 def _tabulate_known(report: GateReport) -> tables.Table:

@@ -67,8 +67,8 @@ def show(value: object, as_json: bool, *document: Block) -> None:
     if as_json:
         typer.echo(to_json(value))
         return
-    # The terminal breaks a long sentence itself, so that a key or digest in it is copied whole.
-    is_text = all(isinstance(block, str) for block in document)
+    # The terminal breaks a single text itself, so that a key or digest in it is copied whole.
+    is_text = len(document) == 1 and isinstance(document[0], str)
     make_console().print(render(*document), soft_wrap=is_text)
 
 
@@ -135,7 +135,9 @@ class TerminalView(Generic[Snapshot]):
                 self.watch(as_json)
                 return
             seen = self.look()
-            show(self.to_data(seen), as_json, *self.describe(seen))
+            # The document may take further requests, which JSON does without.
+            document = () if as_json else self.describe(seen)
+            show(self.to_data(seen), as_json, *document)
 
     def watch(self, as_json: bool) -> None:
         """Show it again and again: in one place of a terminal, elsewhere what has changed."""

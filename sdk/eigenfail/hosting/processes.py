@@ -299,7 +299,12 @@ def remove_afterwards(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def guard_owner(owner: str, *options: str) -> Iterator[None]:
-    """Have the owner's processes ended, by a guard, if this process dies within the block."""
+    """Have the owner's processes ended, by a guard, if this process dies within the block.
+
+    Args:
+        owner: the mark of these processes.
+        options: of the guard: with `REMOVE` the owner is a folder, which the guard removes.
+    """
     # With the mark, the guard would be among the processes that it kills.
     unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
     process = subprocess.Popen(

@@ -159,7 +159,7 @@ def read_number(title: str, read: str | Callable[[Any], Cell], unit: str = "") -
 
 def read_utc(title: str, field: str) -> Reading:
     """Return a column of times in UTC, from milliseconds since 1970."""
-    return read_text(title, lambda row: figures.format_utc(getattr(row, field)))
+    return read_text(title, lambda row: figures.format_utc(_read_cell(row, field)))
 
 
 def name_columns(*titles: str) -> tuple[TableColumn, ...]:

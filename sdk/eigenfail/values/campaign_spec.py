@@ -148,7 +148,7 @@ class SpecField(msgspec.Struct, frozen=True, kw_only=True):
     changes_episodes: bool = True
 
 
-class RecordField(SpecField, frozen=True, kw_only=True):
+class LabelField(SpecField, frozen=True, kw_only=True):
     """A field in which campaigns with the same episodes may differ."""
 
     changes_episodes: bool = False
@@ -183,7 +183,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     name: Annotated[
         Name,
-        RecordField(help="Name of the campaign in lists.", section=Section.CAMPAIGN),
+        LabelField(help="Name of the campaign in lists.", section=Section.CAMPAIGN),
     ]
     method: Annotated[Name, SpecField(help="Search method that chooses the disturbances.")]
     episodes: Annotated[
@@ -233,12 +233,12 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     price_usd_per_hour: Annotated[
         float,
         msgspec.Meta(ge=0.0, le=100_000.0),
-        RecordField(help="Price of one instance.", section=Section.RECORDS, label="price [USD/h]"),
+        LabelField(help="Price of one instance.", section=Section.RECORDS, label="price [USD/h]"),
     ] = 1.20
     instances: Annotated[
         int,
         msgspec.Meta(ge=1, le=100_000),
-        RecordField(
+        LabelField(
             help="Number of instances that the campaign occupies while it runs.",
             section=Section.RECORDS,
             label="instances",
@@ -247,7 +247,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     scene_every: Annotated[
         int,
         msgspec.Meta(ge=1, le=MAX_EPISODES),
-        RecordField(
+        LabelField(
             help="Besides all failures, the scene of every n-th episode is kept.",
             section=Section.RECORDS,
             label="scene kept every",
@@ -255,7 +255,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 50
     priority: Annotated[
         Priority,
-        RecordField(
+        LabelField(
             help="Share of the workers beside other campaigns, and place in the queue.",
             section=Section.RECORDS,
         ),
@@ -279,18 +279,18 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = msgspec.UNSET
     planner_version: Annotated[
         PlannerVersion | msgspec.UnsetType,
-        RecordField(
+        LabelField(
             help="Version of the planner, such as a commit: letters, digits and . _ + / -.",
             section=Section.CAMPAIGN,
         ),
     ] = msgspec.UNSET
     project: Annotated[
         Project | msgspec.UnsetType,
-        RecordField(help="Project that the campaign belongs to.", section=Section.CAMPAIGN),
+        LabelField(help="Project that the campaign belongs to.", section=Section.CAMPAIGN),
     ] = msgspec.UNSET
     tags: Annotated[
         Annotated[tuple[Tag, ...], msgspec.Meta(max_length=MOST_TAGS)] | msgspec.UnsetType,
-        RecordField(help="Words by which campaigns are found.", section=Section.CAMPAIGN),
+        LabelField(help="Words by which campaigns are found.", section=Section.CAMPAIGN),
     ] = msgspec.UNSET
 
     @property

@@ -321,6 +321,7 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
     """A distribution as a user gave it.
 
     Raises:
+        UnknownName: it has a field besides its kind that is of another kind, or of none.
         InvalidValue: its ends are not finite numbers in order, or it has no value.
     """
     name = next(name for name in KINDS if name in given)

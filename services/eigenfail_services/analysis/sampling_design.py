@@ -65,8 +65,8 @@ class SamplingDesign(NamedTuple):
             k: number of events.
             n: number of completed episodes.
             errored: number of episodes besides the n that errored, and may hide an event.
-            unresolved: number of the n that ended before what may have become an event; of more
-                than n - k, which may have been read later than k and n, n - k count.
+            unresolved: number of the n that ended before what may have become an event. At most
+                n - k count: this number may have been read after k and n.
 
         Raises:
             InvalidValue: no episode, or not 0 <= k <= n.

@@ -3,6 +3,7 @@
 import contextlib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -105,10 +106,10 @@ def check_draft_offers(campaigns: Iterable[validation.ResolvedCampaign], store: 
         UnknownName: as `check_offers` does; the place of the campaign is named.
         InvalidValue: likewise.
     """
-    offers = store.roster.list_offers()
+    list_offers = cache(store.roster.list_offers)
     for place, campaign in enumerate(campaigns):
         with move_errors(f"[{place}]"):
-            validation.check_offers(campaign, offers)
+            validation.check_offers(campaign, list_offers)
 
 
 @contextlib.contextmanager
@@ -158,7 +159,7 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
 
 def _find_misfits(campaign: validation.ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
     try:
-        validation.check_offers(campaign, store.roster.list_offers())
+        validation.check_offers(campaign, store.roster.list_offers)
     except InputError as error:
         return (error,)
     return ()

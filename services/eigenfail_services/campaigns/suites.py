@@ -1,5 +1,6 @@
 """Suites: their campaigns, created at once, and their tables with figures over seeds."""
 
+from functools import cache
 from math import prod
 from typing import Any
 
@@ -118,11 +119,11 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     found = suites.match_campaigns(suite, alike)
     ready = dict(suites.list_ready_members(suite, found))
     # Problems of all members are found first: a suite is created whole, or not at all.
-    checked, offers = CheckedSuite([], {}), store.roster.list_offers()
+    checked, list_offers = CheckedSuite([], {}), cache(store.roster.list_offers)
     for name, spec in ready.items():
         try:
             resolved = validate_campaign(spec, store)
-            validation.check_offers(resolved, offers)
+            validation.check_offers(resolved, list_offers)
             key = suites.make_member_key(spec)
             checked.missing.append(request_one(resolved.spec, key, resolved.form))
         except InputError as error:

@@ -4,7 +4,7 @@ References to earlier campaigns are checked in `references`; `drafts` does both.
 """
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from math import ceil, isfinite
 from typing import Any
@@ -162,11 +162,13 @@ def is_distribution(value: Any) -> bool:
     return isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
 
 
-def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
+def check_offers(
+    campaign: ResolvedCampaign, list_offers: Callable[[], Iterable[BridgeOffer]]
+) -> None:
     """Check that each bridge offers what a campaign needs, if it needs one.
 
     A worker whose bridge does not would decline the campaign, which is then paused. Without a known
-    offer, that is how it is checked.
+    offer, that is how it is checked. Offers are listed only for a campaign that needs a bridge.
 
     Raises:
         UnknownName: a scenario, planner, parameter, setting, channel or signal that a bridge does
@@ -174,7 +176,7 @@ def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> N
         InvalidValue: the bridge's scenario has fewer steps, or steps of another duration.
     """
     world = world_of(campaign.spec.simulator)
-    for offer in offers:
+    for offer in list_offers() if world.needs_bridge else ():
         world.check_offer(campaign.spec, offer)
 
 

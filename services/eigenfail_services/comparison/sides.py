@@ -261,10 +261,10 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     errored = sum(campaign.counts.errored for campaign in campaigns)
-    counted = [each.conflicts.unresolved for each in totals]
-    rates = [find_failure_rate(*each) for each in zip(campaigns, counted, strict=True)]
+    unresolved = [each.conflicts.unresolved for each in totals]
+    rates = [find_failure_rate(*each) for each in zip(campaigns, unresolved, strict=True)]
     design = SamplingDesign.of_failures(campaigns)
-    pooled = design.make_rate(failures, completed, errored, sum(counted)) if completed else None
+    pooled = design.make_rate(failures, completed, errored, sum(unresolved)) if completed else None
     severities = [each.severity for each in totals if each.severity is not None]
     collisions = sum(each.conflicts.collisions for each in totals)
     return Side(

@@ -9,13 +9,13 @@ from eigenfail.values.campaign import Campaign
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.estimates import ChainMixing
 
+# Types of settings that several methods have.
 Id = Annotated[int, Meta(ge=1)]
 Amount = Annotated[int, Meta(ge=1, le=100_000)]
 UpToOne = Annotated[float, Meta(gt=0.0, le=1.0)]
 UpToTen = Annotated[float, Meta(gt=0.0, le=10.0)]
-RoundSize = Annotated[Amount, Meta(description="episodes in a round at most")]
+RoundSize = Annotated[Amount, Meta(description="episodes in a round")]
 Hold = Annotated[int, Meta(ge=1, le=10_000, description="steps for which a value is held")]
-"""Types of settings that several methods have."""
 
 
 @runtime_checkable

@@ -49,7 +49,7 @@ def refuse_beyond(
     """
     for demand in list_demands(quotas, usage, [spec.episodes for spec in specs]):
         if demand.limit is not None and demand.used + demand.more > demand.limit:
-            raise make_refusal(key, name, demand)
+            raise make_quota_error(key, name, demand)
 
 
 def list_demands(
@@ -82,7 +82,7 @@ def list_demands(
     )
 
 
-def make_refusal(key: int, name: str, demand: Demand) -> QuotaExceeded:
+def make_quota_error(key: int, name: str, demand: Demand) -> QuotaExceeded:
     """Return the error of an exhausted quota: its name, limit and usage, and the remedy."""
     command = f"eigenfail key limit {key} --{demand.quota.replace('_', '-')} N"
     return QuotaExceeded(

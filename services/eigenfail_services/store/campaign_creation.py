@@ -46,7 +46,7 @@ def request_one(
 def request_many(
     specs: Sequence[CampaignSpec], key: str | None, forms: Sequence[EpisodeForm] | None
 ) -> list[NewCampaign]:
-    """Return the campaigns that a request for a list asks for, likewise."""
+    """Return the campaigns that a request for a list asks for; forms are found unless given."""
     # The hash is of the whole list: a list that only begins alike is another request.
     asked = hash_specs(specs)
     return [
@@ -70,9 +70,10 @@ def create_campaigns(
 ) -> tuple[Campaign, ...]:
     """Create campaigns in their order, all or none; return those that their keys have created."""
     earlier = _find_made(connection, wanted)
-    missing = [each for each in wanted if each.key not in earlier]
+    found = [earlier.get(each.key or "") for each in wanted]
+    missing = [each for each, known in zip(wanted, found, strict=True) if known is None]
     made = iter(_insert_queued(connection, missing, made_by) if missing else ())
-    return tuple(earlier.get(each.key) or next(made) for each in wanted)
+    return tuple(known or next(made) for known in found)
 
 
 def _insert_queued(
@@ -110,7 +111,7 @@ def _insert_queued(
     return made
 
 
-def _find_made(connection: Connection, wanted: Sequence[NewCampaign]) -> dict[str | None, Campaign]:
+def _find_made(connection: Connection, wanted: Sequence[NewCampaign]) -> dict[str, Campaign]:
     """Return the campaigns that the keys have created, by their keys.
 
     Raises:

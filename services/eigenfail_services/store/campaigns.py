@@ -61,7 +61,7 @@ from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
 
-CAMPAIGNS_AT_A_TIME = 200
+CAMPAIGNS_AT_A_TIME = 500
 
 
 class CampaignStore(StorePart):
@@ -97,8 +97,13 @@ class CampaignStore(StorePart):
     ) -> tuple[Campaign, ...]:
         """Create campaigns in this order, all or none; return the same ones for the same key.
 
-        Keys of requests for one campaign are not known here, nor these there. The arguments are
-        those of `create`, and the forms those of the specs.
+        Keys of requests for one campaign are not known here, nor these there.
+
+        Args:
+            specs: the campaigns' specs.
+            idempotency_key: identifies this request for ever.
+            made_by: id of the API key of the request, whose quotas apply.
+            forms: length and channels of the episodes of each, if a check has found them already.
 
         Raises:
             IdempotencyMismatch: the key was used for another list of specs; none is created.
@@ -110,6 +115,10 @@ class CampaignStore(StorePart):
         self, wanted: Sequence[NewCampaign], made_by: int | None = None
     ) -> tuple[Campaign, ...]:
         """Create campaigns in this order, all or none; return those that exist for known keys.
+
+        Args:
+            wanted: the campaigns, each with a key of its own or without one.
+            made_by: id of the API key of the request, whose quotas apply.
 
         Raises:
             IdempotencyMismatch: a key was used for something else; none is created.

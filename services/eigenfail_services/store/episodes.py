@@ -65,7 +65,7 @@ from eigenfail_services.store.totals import (
     sample_severities,
 )
 
-ROWS_AT_A_TIME = 1_000
+ROWS_AT_A_TIME = 5_000
 
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""

@@ -100,7 +100,8 @@ def _fits(result: EpisodeResult, campaign: Campaign, form: NoiseForm) -> bool:
         and 0 <= result.seed <= MAX_SEED
         and 0 <= result.steps <= MAX_STEPS
         and noise.sigma.shape == noise.z.shape
-        and (_has_no_step(noise) or _has_form(noise, form))
+        # An episode that never ran may not have come as far as the channels of its campaign.
+        and ((noise.z.ndim == 2 and not len(noise.z)) or _has_form(noise, form))
         and (states is None or states.shape == (result.steps, count_state(form.channels)))
         and (importance is None or importance.shape == (result.steps,))
         and _is_judged(result, campaign)
@@ -115,11 +116,6 @@ def _is_judged(result: EpisodeResult, campaign: Campaign) -> bool:
     return len(result.requirements) == named and all(
         value is None or isfinite(value) for value in result.requirements
     )
-
-
-def _has_no_step(noise: NoiseTrajectory) -> bool:
-    # An episode that never ran may not have come as far as the channels of its campaign.
-    return noise.z.ndim == 2 and not len(noise.z)
 
 
 def _has_form(noise: NoiseTrajectory, form: NoiseForm) -> bool:

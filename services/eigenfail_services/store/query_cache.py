@@ -138,7 +138,7 @@ class FigureStore(StorePart):
     """Sums over campaigns and their episodes, most from a cache while no result was added.
 
     A campaign that has ended is read once, and a running one once for all that look at it at the
-    same time. The number of queries does not depend on the number of campaigns.
+    same time. The number of queries of a method does not depend on the number of campaigns.
 
     Args:
         database: the database of the campaigns.

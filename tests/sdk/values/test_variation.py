@@ -101,13 +101,11 @@ def test_the_largest_is_looked_for_at_all_combinations_of_ends():
         ({"distance_m": {"uniform": 5}}, "distance_m.uniform", "5 is not a list"),
         ({"distance_m": {"uniform": [0, float("inf")]}}, "distance_m.uniform", "inf"),
         ({"distance_m": {"choice": []}}, "distance_m.choice", "length of at least 1"),
-        ({"distance_m": {"choice": [1.0], "uniform": [1, 2]}}, "distance_m", "unknown field"),
         ({"distance_m": {"empirical": [1.0]}}, "distance_m.empirical", "length of at least 2"),
         ({"distance_m": {"empirical": [1.0, 12.0]}}, "distance_m", "12.0 is not a number"),
         ({"distance_m": {"empirical": [1.0, float("nan")]}}, "distance_m.empirical", "finite"),
         ({"distance_m": {"empirical": [1.0, "2"]}}, "distance_m.empirical[1]", "or a number"),
         ({"distance_m": {"empirical": "gaps.csv"}}, "distance_m.empirical", "not a list"),
-        ({"distance_m": {"empirical": [1, 2], "within": [0, 1]}}, "distance_m", "unknown field"),
         ({"distance_m": 11.0}, "distance_m", "11.0 is not a number"),
     ],
 )
@@ -128,6 +126,16 @@ def test_ends_that_do_not_go_together_are_refused_with_their_values():
     [
         ({"distance": {"uniform": [0, 1]}}, "scenario_parameters", "distance_m"),
         ({"distance_m": {"unifrom": [0, 1]}}, "scenario_parameters.distance_m", "uniform"),
+        (
+            {"distance_m": {"choice": [1.0], "uniform": [1, 2]}},
+            "scenario_parameters.distance_m",
+            "choice",
+        ),
+        (
+            {"distance_m": {"empirical": [1, 2], "within": [0, 1]}},
+            "scenario_parameters.distance_m",
+            "empirical",
+        ),
     ],
 )
 def test_unknown_names_are_refused_with_the_known_ones(parameters, field, known):
