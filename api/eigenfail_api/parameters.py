@@ -25,7 +25,7 @@ MANY_IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18})*$"
 LONGEST_IDS = 20_000
 """Length of as many ids as a suite can have members. [characters]"""
 FORMS = {
-    IDS: "at most 100 ids such as 1 or 1,2,3",
+    IDS: "1 to 100 ids, such as 1 or 1,2,3",
     MANY_IDS: "ids such as 1 or 1,2,3",
 }
 """Descriptions of patterns, for messages."""

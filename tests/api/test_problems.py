@@ -356,7 +356,7 @@ def test_no_body_whatever_is_a_fault_of_ours(http, fields, wrong):
         ("campaigns?state=runing", "state: 'runing' is not one of 'queued', 'running',"),
         ("campaigns/1/safety?level=1.5", "level: 1.5 is not below 1."),
         ("comparisons?a=1", "b: is required."),
-        ("comparisons?a=1&b=x", "b: 'x' is not ids such as 1 or 1,2,3."),
+        ("comparisons?a=1&b=x", "b: 'x' is not 1 to 100 ids, such as 1 or 1,2,3."),
         ("campaigns/" + "9" * 5000, "campaign: "),
     ],
 )

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -31,8 +32,12 @@ class Worker:
 
     def kill_child(self) -> None:
         """kill -9 of the process in which simulator and planner run."""
-        _guard, *below = psutil.Process(self.process.pid).children(recursive=True)
-        for child in below:
+        until_s = time.monotonic() + deadlines.PROCESS_S
+        # A worker that has just been started has its guard first, and this process later.
+        while len(family := psutil.Process(self.process.pid).children(recursive=True)) < 2:
+            assert time.monotonic() < until_s, "the worker starts no process for episodes"
+            time.sleep(0.02)
+        for child in family[1:]:
             child.kill()
 
     def stop(self) -> None:

@@ -234,7 +234,7 @@ def test_fields_from_the_command_line_take_the_place_of_the_files(write):
 @pytest.mark.parametrize("simulator", ["highway", "function"])
 def test_a_check_lists_slopes_and_bases_on_roads_alone(write, simulator):
     text = f'method = "cem"\nepisodes = 7\nsimulator = "{simulator}"\n[disturbance]\nscale = 2.0'
-    lines = describe_check(CampaignCheck(read_spec(write(text)))).plain.splitlines()
+    lines = describe_check(CampaignCheck(read_spec(write(text)))).splitlines()
     listed = {line.split()[0] for line in lines if "disturbance." in line}
     everywhere = {"disturbance.scale", "disturbance.shape.kind"}
     on_roads = {f"disturbance.{name}" for name in DisturbanceModel.__struct_fields__[:4]}

@@ -129,7 +129,7 @@ def test_ends_that_do_not_go_together_are_refused_with_their_values():
         (
             {"distance_m": {"choice": [1.0], "uniform": [1, 2]}},
             "scenario_parameters.distance_m",
-            "choice",
+            "uniform",
         ),
         (
             {"distance_m": {"empirical": [1, 2], "within": [0, 1]}},

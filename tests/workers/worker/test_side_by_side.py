@@ -320,6 +320,7 @@ def test_a_worker_without_a_bridge_says_so_for_each_episode(hub, start_worker) -
 
 
 @pytest.mark.service
-def test_a_worker_is_not_started_for_any_bridge(start_worker, tmp_path) -> None:
-    assert start_worker("--bridge", "tcp://10.1.2.3:9000").wait(deadlines.PROCESS_S) == 2
+@pytest.mark.parametrize("address", ["tcp://10.1.2.3:9000", "nowhere"])
+def test_a_worker_is_not_started_for_any_bridge(address, start_worker, tmp_path) -> None:
+    assert start_worker("--bridge", address).wait(deadlines.PROCESS_S) == 2
     assert "--bridge: " in (tmp_path / "said").read_text()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InputError
 from eigenfail_assurance.risk.question import read_risk_file
 
 HEAD = "[target]\nper_hour = 1e-3\n[exposure]\nhours = 100.0\nkilometres = 8000.0\n"
@@ -61,6 +61,6 @@ def test_a_file_is_a_question(tmp_path):
     ],
 )
 def test_what_is_refused_is_named(tmp_path, text, named):
-    with pytest.raises(InvalidValue) as caught:
+    with pytest.raises(InputError) as caught:
         read(tmp_path, text)
     assert named in str(caught.value)
