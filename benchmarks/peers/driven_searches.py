@@ -23,13 +23,12 @@ from benchmarks.peers.simple_searches import NARROW, describe
 from benchmarks.searches import Crash, context, run
 from msgspec.structs import replace
 
-from eigenfail.bridges import horizon as bridge_horizon
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import Channel
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import COLLISION_ALONE, MeasureLimit
-from eigenfail.worlds import resolve_disturbance
+from eigenfail.worlds import resolve_disturbance, world_of
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.engine import Engine
@@ -170,7 +169,7 @@ def find(place: str, name: str, seeds: Sequence[int]) -> list[DrivenRun]:
     shared = replace(where.spec, method=method, settings=settings, episodes=where.calls)
     specs = [replace(shared, seed=seed) for seed in seeds]
     if place == "sumo":
-        steps = bridge_horizon(where.spec)
+        steps = world_of(where.spec.simulator).find_form(where.spec).steps
         with bridged() as connection:
             return [time_run(one, steps, BridgeEngine(one.setup(), connection)) for one in specs]
     # Engines of their own: policies of earlier campaigns would be in the way of the first ones.

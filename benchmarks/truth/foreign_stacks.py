@@ -21,11 +21,11 @@ from benchmarks.samples import COMMAND, count_share
 from benchmarks.truth.foreign import ALL, FOLDER, PYTHON, Example, serve_bridge
 from msgspec.structs import replace
 
-from eigenfail.bridges import ADDRESS_VARIABLE, horizon
+from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.cli.specs import read_spec
 from eigenfail.client import Client
-from eigenfail.values.disturbance import POSITION
 from eigenfail.values.episode import EpisodeTask, Outcome, TrajectorySource
+from eigenfail.worlds import world_of
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
 
@@ -133,7 +133,8 @@ EMPTY = Figure(value=None, unit="share", n=0, command=COMMAND)
 def drive_undisturbed(stack: Stack) -> Figure:
     """Return the share of the points at which the stack collides without noise."""
     spec = read_spec(FOLDER / stack.example.file)
-    noise = np.zeros((horizon(spec), len(spec.disturbance.channels or POSITION)), np.float32)
+    form = world_of(spec.simulator).find_form(spec)
+    noise = np.zeros((form.steps, len(form.channels)), np.float32)
     calm = EpisodeTask(0, 0, TrajectorySource(noise))
     parameter, values = stack.points
     collided = []

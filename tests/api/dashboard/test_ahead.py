@@ -34,7 +34,7 @@ def test_a_page_that_asks_again_does_not_begin_its_later_part(store, http, monke
     deliver(store, campaign, collision(0))
     asked = []
     spending = store.figures.spending
-    monkeypatch.setattr(store.episodes, "spending", lambda *a: asked.append(a) or spending(*a))
+    monkeypatch.setattr(store.figures, "spending", lambda *a: asked.append(a) or spending(*a))
     address = f"/campaigns/{campaign.id}"
     assert http.get(address, headers=HTML | {"HX-Request": "true"}).status_code == 200
     assert asked == []

@@ -25,7 +25,7 @@ def test_trouble_is_told_by_who_asks_for_the_answer(store, monkeypatch) -> None:
         raise StoreUnavailable("It is gone.", "Start it.")
 
     campaign = running(store)
-    monkeypatch.setattr(store.episodes, "safety", broken)
+    monkeypatch.setattr(store.figures, "safety", broken)
     begun = costs.prefetch_figures(store, campaign)
     costs.wait_for_figures(begun)
     assert all(each.done() for each in begun)

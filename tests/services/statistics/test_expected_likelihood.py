@@ -5,7 +5,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from eigenfail.values import shapes
+from eigenfail.values import student_t
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.shapes import (
     Autoregressive,
@@ -49,8 +49,10 @@ def test_it_is_the_mean_over_the_nodes_of_noise_that_is_the_same_at_every_step(s
 
 
 def test_heavy_tails_are_not_integrated_at_every_step(monkeypatch):
-    looked, log_slope = [], shapes.log_t_slope
-    monkeypatch.setattr(shapes, "log_t_slope", lambda z, nu: looked.append(z) or log_slope(z, nu))
+    looked, log_slope = [], student_t.log_t_slope
+    monkeypatch.setattr(
+        student_t, "log_t_slope", lambda z, nu: looked.append(z) or log_slope(z, nu)
+    )
     noise = noise_of(HeavyTailed(degrees_of_freedom=5.25))
     expected_log_probability(noise)
     first = len(looked)
