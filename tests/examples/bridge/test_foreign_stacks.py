@@ -66,6 +66,7 @@ def test_undisturbed_the_ego_drives_as_highway_env_drives_it() -> None:
         "parameters": {"traffic": 7},
         "settings": {},
         "steps": 60,
+        "channels": [{"name": "longitudinal"}, {"name": "lateral"}],
     }
     world = drive(asked)
     seen = [world.reset(0)]
