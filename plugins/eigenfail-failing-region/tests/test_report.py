@@ -3,7 +3,6 @@
 import pytest
 from campaigns_here import run_here
 
-from eigenfail.presentation.tables import Table
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_failing_region.campaigns import find_region
 from eigenfail_failing_region.report import describe_regions
@@ -38,10 +37,11 @@ def run(store):
 
 def test_the_region_is_the_one_that_was_found(store, run):
     campaign = run(120, NEAR_OR_FAR)
-    *sentences, table = describe_regions(store, [campaign])
+    *sentences, parts, bounds = describe_regions(store, [campaign])
     (box,) = find_region(store, (campaign.id,)).boxes
-    counts = (box.precision.k, box.precision.n)
-    assert table.rows == (("1", "distance at most 52 m", box.coverage, box.precision, *counts),)
+    inside = (box.coverage, box.coverage.n, box.precision, box.precision.k, box.precision.n)
+    assert parts.rows == (("1", 1, "distance at most 52 m", *inside),)
+    assert bounds.rows == (("1", 1, "distance_m", None, 52.0, "m"),)
     words = " ".join(sentences)
     assert "distance_m vary" in words
     assert "chance alone would put this many failures there with p = " in words
@@ -52,10 +52,9 @@ def test_without_a_region_it_says_why(store, run):
     found = find_region(store, (campaign.id,))
     assert not found.boxes
     assert found.problem
-    *sentences, table = describe_regions(store, [campaign])
+    *sentences, parts, bounds = describe_regions(store, [campaign])
     assert found.problem in " ".join(sentences)
-    assert isinstance(table, Table)
-    assert not table.rows
+    assert parts.rows == bounds.rows == ()
 
 
 def test_nothing_is_said_where_nothing_varies(store, run):

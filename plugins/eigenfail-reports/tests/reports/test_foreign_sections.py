@@ -34,6 +34,11 @@ def describe_nothing(_store: Store, _campaigns: Any) -> tuple[Block, ...]:
     return ()
 
 
+def describe_failing(_store: Store, _campaigns: Any) -> tuple[Block, ...]:
+    """A section that cannot be made."""
+    raise RuntimeError
+
+
 @pytest.fixture(autouse=True)
 def forget() -> Iterator[None]:
     """Has plug-ins loaded anew, before and after."""
@@ -50,7 +55,8 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Installs sections by name; those of other plug-ins are not there."""
     known = plugins.list_claims
     module = ModuleType(MODULE)
-    module.__dict__.update(describe_sheep=describe_sheep, describe_nothing=describe_nothing)
+    for each in (describe_sheep, describe_nothing, describe_failing):
+        setattr(module, each.__name__, each)
     monkeypatch.setitem(sys.modules, MODULE, module)
 
     def register(**sections: str) -> None:
@@ -98,3 +104,14 @@ def test_a_section_that_cannot_be_loaded_is_left_out(
     assert "absent" not in names
     assert names[-1] == "provenance"
     assert "The section 'absent' is left out of reports." in caplog.text
+
+
+@pytest.mark.parametrize("name", ["results", "Black Sheep", "failing"])
+def test_a_section_that_fails_or_has_no_name_of_its_own_is_left_out(
+    install: Any, store: Store, caplog: pytest.LogCaptureFixture, name: str
+) -> None:
+    install(**{name: "describe_failing" if name == "failing" else "describe_sheep"})
+    names = [section.name for section in make(store, (2,), NOW_MS).report.sections]
+    assert names.count("results") == 1
+    assert not {"Black Sheep", "failing"} & set(names)
+    assert f"The section '{name}' is left out of reports." in caplog.text

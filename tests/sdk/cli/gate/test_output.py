@@ -9,7 +9,7 @@ def test_people_see_what_is_new_and_what_it_means(gate):
     assert "The gate of trio @ v2 against v1 is closed. Known failures, " in done.stdout
     assert re.search(r"one +medoid 1, 1/\d+ +still failing +eigenfail episode replay", done.stdout)
     assert re.search(r"one +episode \d+ +new +eigenfail episode replay", done.stdout)
-    assert "over all versions, once they are analysed: eigenfail release show" in done.stdout
+    assert "over all versions: analyse the new campaigns, then: eigenfail release" in done.stdout
     assert "\x1b" not in done.stdout
     assert "can be a baseline" not in done.stdout
 

@@ -7,6 +7,11 @@ def test_a_region_says_why_there_is_none(check_page, campaign, deliver, result):
     check_page("dashboard/region/none", f"/campaigns/{campaign}/region/boxes")
 
 
-def test_the_page_of_a_campaign_leads_to_it(http, campaign):
-    link = f'<a href="/campaigns/{campaign}/region">Failing region</a>'
-    assert link in http.get(f"/campaigns/{campaign}").text
+def test_the_page_of_a_campaign_whose_parameters_vary_leads_to_it(http, fields):
+    def has_link(**given):
+        made = http.post("/api/v1/campaigns", json=fields | given).json()["id"]
+        link = f'<a href="/campaigns/{made}/region">Failing region</a>'
+        return link in http.get(f"/campaigns/{made}").text
+
+    assert has_link(scenario_parameters={"distance_m": {"uniform": [52.0, 70.0]}})
+    assert not has_link(scenario_parameters={"distance_m": 58.0})
