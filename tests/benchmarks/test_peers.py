@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from benchmarks.claims import read_other_figures
 from benchmarks.figures import Figure, write
 from benchmarks.learning_figures import of_seeds
 from benchmarks.peers.comparison import (
@@ -19,7 +20,6 @@ from benchmarks.peers.comparison import (
 from benchmarks.peers.peer_tools import PEERS, Answer, Peer, rank_likely
 from benchmarks.trials import Trial
 
-from benchmarks import claims
 from eigenfail.functions import of_batch
 from eigenfail_workers.functions import FunctionEngine
 
@@ -212,8 +212,8 @@ def test_figures_of_a_tool_that_is_not_installed_are_kept(tmp_path, monkeypatch)
         Trial(("search.walk.pycma.",), print, missing=("cma",)),
         Trial(("search.walk.held.",), lambda _crew, _seed: []),
     )
-    monkeypatch.setattr(claims, "TRIALS", trials)
-    assert {name.split(".")[2] for name in claims.read_other_figures(path, "")} == {"pycma"}
-    assert {
-        name.split(".")[2] for name in claims.read_other_figures(path, "search.walk.held.")
-    } == {"pycma"}
+    monkeypatch.setattr("benchmarks.claims.TRIALS", trials)
+    assert {name.split(".")[2] for name in read_other_figures(path, "")} == {"pycma"}
+    assert {name.split(".")[2] for name in read_other_figures(path, "search.walk.held.")} == {
+        "pycma"
+    }

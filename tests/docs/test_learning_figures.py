@@ -3,12 +3,21 @@
 import msgspec
 import numpy as np
 import pytest
-from benchmarks.learning_figures import over_heuristics
+from benchmarks.learning_figures import (
+    count_trained,
+    deviation,
+    failure_rate,
+    first_failure,
+    log_p_per_step,
+    log_p_ratio,
+    middle,
+    over_heuristics,
+    severity,
+)
 from benchmarks.searches import Crash, Found, prior
 from benchmarks.truth.curves import Curve, curve, picture
 from benchmarks.truth.heuristics import Tried
 
-from benchmarks import learning_figures as learning
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
 
@@ -40,26 +49,26 @@ def test_the_prior_of_noise_is_its_log_probability_where_every_square_is_one():
 
 def test_a_campaign_is_told_in_rates_likelihood_and_severity():
     run = campaign([False, True, False, True], [crash(-30.0), crash(-20.0, steps=5, severity=70.0)])
-    assert learning.failure_rate(run) == 0.5
-    assert learning.first_failure(run) == 2.0
-    assert learning.log_p_per_step(run) == pytest.approx(-50.0 / 15.0)
-    assert learning.log_p_ratio(run) == pytest.approx(50.0 / 40.0)
-    assert learning.severity(run) == 60.0
-    assert learning.deviation(run) == 2.0
+    assert failure_rate(run) == 0.5
+    assert first_failure(run) == 2.0
+    assert log_p_per_step(run) == pytest.approx(-50.0 / 15.0)
+    assert log_p_ratio(run) == pytest.approx(50.0 / 40.0)
+    assert severity(run) == 60.0
+    assert deviation(run) == 2.0
 
 
 def test_without_a_failure_there_is_nothing_to_tell_of_failures():
     run = campaign([False, False])
-    told = (learning.first_failure, learning.log_p_per_step, learning.log_p_ratio)
-    assert [of(run) for of in (*told, learning.severity, learning.count_trained)] == [None] * 5
+    told = (first_failure, log_p_per_step, log_p_ratio)
+    assert [of(run) for of in (*told, severity, count_trained)] == [None] * 5
 
 
 def test_the_median_of_the_seeds_is_stated_with_all_of_them():
     runs = [campaign([True] * k + [False] * (4 - k)) for k in (3, 1, 4)]
-    figure = learning.middle(runs, learning.failure_rate, "share", 4)
+    figure = middle(runs, failure_rate, "share", 4)
     assert (figure.value, figure.spread, figure.n) == (0.75, (0.25, 1.0), 4)
     assert figure.note == "median of 3 seeds: 0.75, 0.25, 1"
-    unknown = learning.middle([*runs, campaign([False])], learning.first_failure, "episode", 4)
+    unknown = middle([*runs, campaign([False])], first_failure, "episode", 4)
     assert (unknown.value, unknown.spread) == (None, None)
     assert unknown.note.endswith("–")
 

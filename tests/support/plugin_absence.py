@@ -32,6 +32,8 @@ def without_plugins() -> Iterator[None]:
 
 
 def forget_entry_points() -> None:
-    """Have entry points read anew."""
-    for each in (plugins.list_entry_points, plugins.load):
+    """Have entry points read anew, and databases in memory made with the tables that they name."""
+    from eigenfail_services import store
+
+    for each in (plugins.list_entry_points, plugins.load, store._empty_image):
         each.cache_clear()
