@@ -266,7 +266,7 @@ ANY_NUMBER = 1
 
 def list_references(spec: CampaignSpec) -> tuple[str, ...]:
     """List the names of members in a campaign's settings, each once, in order."""
-    values = (item for _, value in _holders(spec.settings) for item in _items(value))
+    values = (item for _, value in _holders(spec.settings) for item in list_items(value))
     return tuple(dict.fromkeys(name for name in values if isinstance(name, str)))
 
 
@@ -315,7 +315,8 @@ def _holders(settings: Table) -> Iterator[tuple[KeyPath, Any]]:
             yield path, value
 
 
-def _items(value: Any) -> list[Any]:
+def list_items(value: Any) -> list[Any]:
+    """Return the items of a list; anything else is a list of one."""
     return value if isinstance(value, list) else [value]
 
 

@@ -5,7 +5,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from typing import Any, NamedTuple
 
-from eigenfail.values.analysis import FEWEST_OF_MODE, Analysis, AnalysisResult
+from eigenfail.values.analysis import FEWEST_OF_MODE, Analysis, AnalysisResult, AnalysisState
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.safety import Safety
@@ -13,6 +13,9 @@ from eigenfail.values.summary import CampaignCost, SpendingTotals
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.campaigns import summary
 from eigenfail_services.store import Store
+
+MAX_ANALYSES_SEARCHED = 100
+"""Newest analyses among which a finished one is searched for."""
 
 
 def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
@@ -70,8 +73,13 @@ def _find_known_modes(store: Store, campaign: Campaign) -> campaign_figures.Know
 
 
 def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
-    """Return the newest analysis of a campaign that has a mode; None before there is one."""
-    number = store.analyses.find_newest(campaign.id)
+    """Return the newest finished analysis of a campaign; None before there is one.
+
+    One that was asked for of another campaign, and took this one in, is that campaign's.
+    """
+    page = store.analyses.page(MAX_ANALYSES_SEARCHED, campaign=campaign.id)
+    done = (each.id for each in page.items if each.state is AnalysisState.DONE)
+    number = next(done, None)
     return None if number is None else store.analyses.get(number)
 
 

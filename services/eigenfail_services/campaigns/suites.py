@@ -61,15 +61,10 @@ def _bound_size(given: suites.SuiteFile) -> int:
 
     Of more members than a suite can have, the size of as many as it can have. [bytes]
     """
-    axes = [
-        each if isinstance(each, list) else [each] for _, each in suites.list_leaves(given.grid)
-    ]
+    axes = [suites.list_items(each) for _, each in suites.list_leaves(given.grid)]
     ways = (
         prod(map(len, axes)) if axes else 0,
-        sum(
-            len(each) if isinstance(each, list) else 1
-            for _, each in suites.list_leaves(given.sweep)
-        ),
+        sum(len(suites.list_items(each)) for _, each in suites.list_leaves(given.sweep)),
         len(given.campaigns),
     )
     members = min(max(ways) + 1, suites.MOST_MEMBERS)

@@ -100,6 +100,12 @@ def test_of_several_campaigns_only_its_own_modes_count(store, ran) -> None:
     assert found(store, ran).modes == 2
 
 
+def test_an_analysis_of_another_campaign_is_not_its_own(store, ran) -> None:
+    other = running(store).id
+    analyse(store, other, (0, 1, 2, 1), campaigns=(ran, ran, other, other))
+    assert found(store, ran).analysis is None
+
+
 def test_episodes_that_failed_are_lost_time(store, ran) -> None:
     time = found(store, ran).time
     assert (time.worker_s, time.lost_worker_s) == (9.0, 1.0)
