@@ -93,11 +93,11 @@ class ConcurrencyLimit:
             self._asked -= 1
 
     async def stream(self, parts: Iterator[bytes]) -> AsyncIterator[bytes]:
-        """Yield the parts of an answer, each of which occupies a place only while it is made.
+        """Yield the parts of an answer, each in a place that it leaves before it is sent.
 
-        So streams of clients that read slowly keep nobody waiting. A stream waits without limit:
-        its answer has begun. Make the limit a dependency of the route as well, which refuses a
-        stream when too many wait to begin.
+        So a client that reads slowly keeps nobody waiting. Once its answer has begun, a stream
+        waits for a place without limit. If the limit is also a dependency of the route, the route
+        refuses a stream while too many others wait.
         """
         while True:
             async with self._places():

@@ -64,7 +64,7 @@ Sort = Annotated[str, Query(max_length=64)]
 
 
 class Wanted(NamedTuple):
-    """The filter and order of the list, as in its address; an empty text is no condition.
+    """The filter and order of the list, as its address has them. An empty text is no condition.
 
     Attributes:
         method: an empty text leaves out replays, which find nothing new.
@@ -87,7 +87,7 @@ class Wanted(NamedTuple):
     def address(self, **changes: object) -> str:
         """Return the address of this page, or of one with changes."""
         given = self._asdict() | changes
-        # What is usual is left out: an address without an order lists the newest first.
+        # An address without an order lists the newest first.
         if given["sort"] == str(NEWEST_FIRST):
             del given["sort"]
         if given["archived"]:

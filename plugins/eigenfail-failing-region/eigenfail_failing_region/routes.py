@@ -17,7 +17,7 @@ from eigenfail_api.routes.analyses import parse_ids
 from eigenfail_failing_region.campaigns import find_region_in_process
 from eigenfail_failing_region.presentation import describe_region
 from eigenfail_failing_region.values import Region
-from eigenfail_services.campaigns.validation import is_distribution
+from eigenfail_services.campaigns.validation import list_drawn
 
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 pages = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -60,7 +60,7 @@ async def show_boxes(store: parameters.Stored, campaign: parameters.CampaignId) 
 
 def varies(campaign: Campaign) -> bool:
     """Return whether a campaign draws a parameter of its scenario for each episode."""
-    return any(map(is_distribution, campaign.spec.scenario_parameters.values()))
+    return bool(list_drawn(campaign.spec))
 
 
 extension = Extension(

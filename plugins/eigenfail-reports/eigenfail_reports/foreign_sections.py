@@ -29,8 +29,8 @@ log = logging.getLogger(__name__)
 def make_foreign_parts(material: Material, taken: Collection[str]) -> Iterator[ReportPart]:
     """Yield the sections of other plug-ins, sorted by name.
 
-    One that fails, or whose name is taken or makes no name of a file, is logged and left out: the
-    report must work without it.
+    If a section fails, its name is taken, or a file cannot have its name, the section is logged and
+    left out: the report must work without it.
 
     Args:
         material: what the report is on.
