@@ -20,7 +20,7 @@ from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.summary import find_safety, find_summary
 from eigenfail_services.store import Store, open_store, retention
-from eigenfail_services.store.campaign_creation import create_campaign
+from eigenfail_services.store.campaign_creation import create_campaigns, request_one
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.retention import SLICE
 from eigenfail_services.upkeep import pruning
@@ -150,7 +150,7 @@ def test_noise_waits_for_a_replay_that_is_just_being_queued(prepared_postgres_ur
         with ThreadPoolExecutor() as threads:
             with database.writing() as connection:
                 replay = spec(method="replay", settings={"campaign": 1, "episodes": [1]})
-                create_campaign(connection, replay, None, None)
+                create_campaigns(connection, [request_one(replay)], None)
                 done = threads.submit(prune, url, FIFTHS, EVERYTHING)
                 with database.reading() as watching:
                     while not watching.exec_driver_sql(waits).scalar():
