@@ -24,7 +24,7 @@ from eigenfail_api.problems import describe_error
 from eigenfail_api.routes.operations import HealthServer
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 from eigenfail_services import observability
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 GRACE_S = 5
 BACKLOG = 2048

@@ -58,8 +58,8 @@ from eigenfail_api.settings import (
     refuse_unsafe_sign_in,
     refuse_without_keys,
 )
-from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.store import Store
 
 ROUTERS = (
     analyses.figures_router,

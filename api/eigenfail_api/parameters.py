@@ -17,7 +17,7 @@ from eigenfail.wire.http import IDEMPOTENCY_KEY
 from eigenfail_api.access.authentication import get_caller_key, get_caller_name
 from eigenfail_api.access.change_details import record_body
 from eigenfail_api.middleware import is_named, make_tag
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 LARGEST = LARGEST_INTEGER
 IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"

@@ -16,7 +16,7 @@ from eigenfail.wire.messages import Message, Observed, Proposed, Start, Stop
 from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.hub import runs, server
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 ROUND = 3
 AHEAD = 2

@@ -42,7 +42,7 @@ from eigenfail.wire import messages as m
 from eigenfail.wire.messages import Assembler, Holding, fingerprint_task
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 SEED = 20261122
 MESSAGES = 100_000

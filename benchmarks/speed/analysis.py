@@ -25,8 +25,8 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.store import open_store
 from eigenfail_services.store.schema import campaigns, episodes, trajectories
+from eigenfail_services.store.store import open_store
 
 COMMAND = "make bench"
 FEW, MANY = 300, 100_000

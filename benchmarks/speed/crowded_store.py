@@ -13,10 +13,10 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Failures
 from eigenfail.values.scene import Scene
 from eigenfail_services.analysis.job import analyse
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.codec import pack, to_json
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import campaigns, episodes, scenes
+from eigenfail_services.store.store import Store, open_store
 
 CAMPAIGNS = 1_000
 EPISODES = 1_000_000

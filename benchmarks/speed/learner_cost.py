@@ -32,7 +32,7 @@ from eigenfail.wire.messages import (
 )
 from eigenfail_services.hub.learner_link import check_numbers
 from eigenfail_services.hub.learner_process import create_rounds, make_proposal
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 HORIZON = 100
 ROUNDS = 5

@@ -19,7 +19,7 @@ from eigenfail.processes import NUMERIC_ENVIRONMENT
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Ack, Lease, Results, encode
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 COMMAND = "make bench"
 COMMITS = 100

@@ -22,7 +22,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.export_formats import ExportSource, Selection, write_csv, write_parquet
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.backup import backup, restore, vacuum
 from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
 from eigenfail_services.upkeep.verify import verify

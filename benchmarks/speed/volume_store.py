@@ -15,7 +15,7 @@ from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.values.scene import Scene
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 CAMPAIGNS = 5
 LARGEST_SHARE = 2

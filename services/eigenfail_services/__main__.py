@@ -26,7 +26,7 @@ from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.hub.transport import load_keys
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 TURN_S = 0.25
 RETRY_S = 1.0

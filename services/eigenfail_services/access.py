@@ -13,8 +13,8 @@ from eigenfail.files import replace_private
 from eigenfail.values import access
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import PREFIX, read_fields
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.store import Store, open_store
 
 SECRET_BYTES = 32
 

@@ -8,7 +8,7 @@ import structlog
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 RETRY_S = 2.0
 """Pause before a task that broke off is started again: it must not fill the log."""

@@ -19,7 +19,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import PORTION, EpisodeRow
 from eigenfail.worlds import list_channels
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 Cells = list[filters.Value | None]
 

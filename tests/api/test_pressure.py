@@ -17,8 +17,8 @@ import pytest
 from sqlalchemy import create_engine, insert, update
 
 from eigenfail.client import Client
-from eigenfail_services.store import open_store
 from eigenfail_services.store.schema import event_counter, events
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.service
 

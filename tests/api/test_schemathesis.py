@@ -21,7 +21,7 @@ from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import make_key
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 STEPS, EPISODES = 12, 20
 EXAMPLES = {GenerationMode.POSITIVE: 5, GenerationMode.NEGATIVE: 3}

@@ -6,7 +6,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, result
 from eigenfail_api.access import authentication
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.speed import volume_stages, volume_store
 
 from eigenfail.values.episode import Outcome
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 TOTAL = 1_200
 

@@ -36,7 +36,7 @@ from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.proofs import launch_replays
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 """The shell has no window: it takes less than half of the processor time."""

@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.browser
 

@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parent))
 
 from stage import Stage
 
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 @pytest.fixture(scope="package", autouse=True)

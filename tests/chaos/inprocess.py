@@ -15,7 +15,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 PATIENCE_S = deadlines.PROCESS_S
 LOOK_AGAIN_S = 0.03

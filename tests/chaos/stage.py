@@ -14,7 +14,7 @@ from started import Controller, Services, Started, Worker, free_port, wait_until
 
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 SEED = 17
 DIFS_ROUNDS = {"initial_share": 0.2, "round_size": 6, "first_steps": 30, "steps": 10}

@@ -10,7 +10,7 @@ from stage import Stage
 
 from eigenfail.client import Client
 from eigenfail.errors import ServiceUnreachable
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 

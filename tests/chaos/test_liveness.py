@@ -25,7 +25,8 @@ from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
-from eigenfail_services.store import Store, clock, open_store
+from eigenfail_services.store import clock
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_workers.worker import child_process, parent
 from eigenfail_workers.worker.parent import HELLO_EVERY_S
 

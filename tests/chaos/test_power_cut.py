@@ -18,7 +18,7 @@ from power import Disk, Event, recorded, recorder
 from store_checks.examples import deliver
 
 from eigenfail.testing.examples import result
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.service
 
@@ -36,7 +36,8 @@ COMMIT = f"""
 import sqlite3, sys
 from eigenfail.testing.examples import result
 from store_checks.examples import deliver, running
-from eigenfail_services.store import open_store, sqlite
+from eigenfail_services.store import sqlite
+from eigenfail_services.store.store import open_store
 if sys.argv[2:]:
     sqlite.PRAGMAS = ("journal_mode = WAL", f"synchronous = {{sys.argv[2]}}")
 store = open_store("sqlite:///" + sys.argv[1])

@@ -21,7 +21,7 @@ from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.shapes import Correlated
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
 from eigenfail_services.methods import archive
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 DONE, HALF, DEAD, SHAPED, QUEUED = range(1, 6)
 """Campaigns, by what became of them."""

@@ -12,7 +12,7 @@ from eigenfail.client import Client
 from eigenfail.errors import EigenfailError
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.triage import Triage
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 

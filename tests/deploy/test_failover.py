@@ -2,7 +2,7 @@
 
 from urllib.parse import quote, urlsplit
 
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 def test_of_two_hosts_the_one_that_can_be_written_is_taken(postgres_url):

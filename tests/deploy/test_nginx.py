@@ -22,7 +22,7 @@ import pytest
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "eigenfail.conf"
 CROWD = 500

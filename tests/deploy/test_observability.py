@@ -14,7 +14,7 @@ from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.hub.metrics import CampaignLoad, HubStatus, Metrics
 from eigenfail_services.observability import VARIABLE
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "observability"
 OF_PROMETHEUS = {"up", "process_resident_memory_bytes"}

@@ -18,7 +18,7 @@ from eigenfail_api.app import create_app
 from eigenfail_services import __main__ as program
 from eigenfail_services.access import make_key
 from eigenfail_services.hub import transport
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 BIN = Path(sys.executable).parent

@@ -9,7 +9,7 @@ from pathlib import Path
 from eigenfail_api.access.authentication import required_scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "rest.md"

@@ -13,7 +13,7 @@ from eigenfail.presentation.campaigns import tabulate_results
 from eigenfail.suites import Suite
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 LINK = re.compile(r"\[[^\]]+\]\(([^)#\s]+)\)")
 

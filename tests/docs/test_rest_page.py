@@ -10,7 +10,7 @@ from starlette.testclient import TestClient
 
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 ADDRESS = "http://127.0.0.1:8440"
 ROW = re.compile(

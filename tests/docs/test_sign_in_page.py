@@ -10,7 +10,7 @@ from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import make_key
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 LOCATION = re.compile(r"location ([^{]+?) \{\n(.*?)\n    \}", re.DOTALL)
 DIRECTIVE = re.compile(r'proxy_set_header (\S+) ("[^"]*"|\S+);')

@@ -27,7 +27,7 @@ from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.summary import find_summary
 from eigenfail_services.campaigns.validation import check_spec
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 from eigenfail_workers.engines import make_engine
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -35,7 +35,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import Delivery
 from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_services.access import make_key
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 REQUESTS = 25_000
 THREADS = 4

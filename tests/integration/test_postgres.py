@@ -16,7 +16,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import learner_seed
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.service
 

@@ -23,8 +23,8 @@ from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.worker_sessions import ADOPTION_GRACE_S, HEARTBEAT_S, SILENCE_LIMIT_S
-from eigenfail_services.store import open_store
 from eigenfail_services.store.schema import deaths
+from eigenfail_services.store.store import open_store
 from eigenfail_workers.worker import child_process, parent
 from eigenfail_workers.worker.parent import MAX_UNANSWERED
 

@@ -30,7 +30,7 @@ from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 SETUP = spec().setup()
 TASK = EpisodeTask(0, 100, PriorSource())

@@ -19,7 +19,7 @@ from eigenfail.wire.messages import (
 )
 from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.runs import RunSpec
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 EPISODES = 12
 

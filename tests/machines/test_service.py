@@ -34,7 +34,7 @@ from eigenfail_api.routes.campaigns import CANCEL, PAUSE, RESUME, steer
 from eigenfail_services.campaigns import supervisor
 from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.worker_sessions import SILENCE_LIMIT_S
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 numbers = st.integers(0, 50)
 

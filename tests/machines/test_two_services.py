@@ -26,7 +26,8 @@ from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.supervisor import LEASE_S, Supervisor
 from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.server import FinishedRun
-from eigenfail_services.store import Store, clock, open_store
+from eigenfail_services.store import clock
+from eigenfail_services.store.store import Store, open_store
 
 EPISODES = 20
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=EPISODES)

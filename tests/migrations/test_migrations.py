@@ -15,8 +15,9 @@ from store_checks.examples import deliver, running
 import eigenfail_services
 from eigenfail.errors import SchemaMismatch
 from eigenfail.testing.examples import collision
-from eigenfail_services.store import migrate, open_store, schema
+from eigenfail_services.store import migrate, schema
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import open_store
 
 NEXT, AFTER_NEXT = (f"{int(schema.VERSION) + more:04}" for more in (1, 2))
 

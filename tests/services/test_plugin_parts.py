@@ -19,8 +19,9 @@ from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import CampaignState
 from eigenfail_services import background
 from eigenfail_services.background import BackgroundTasks
-from eigenfail_services.store import migrate, open_store
+from eigenfail_services.store import migrate
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import open_store
 from eigenfail_services.upkeep import backup
 
 FIRST = """

@@ -7,7 +7,7 @@ from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.drafts import validate_campaign
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 CHAINS, EPISODES = 5, 120
 

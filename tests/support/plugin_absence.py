@@ -33,7 +33,7 @@ def without_plugins() -> Iterator[None]:
 
 def forget_entry_points() -> None:
     """Have entry points read anew, and databases in memory made with the tables that they name."""
-    from eigenfail_services import store
+    from eigenfail_services.store import store
 
     for each in (plugins.list_entry_points, plugins.load, store._empty_image):
         each.cache_clear()

@@ -4,16 +4,9 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Simulation
 from eigenfail.errors import SimulatorError
+from eigenfail.values import episode
 from eigenfail.values.channels import PARAMETER
 from eigenfail.values.disturbance import Conversion, DisturbanceModel
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Outcome,
-    unrunnable,
-)
 from eigenfail.values.measures import MAX_MAGNITUDE, MEASURES, Measures
 from eigenfail.values.scene import Observation
 from eigenfail.values.shapes import Row
@@ -114,8 +107,12 @@ def run_episode(
 
 
 def make_result(
-    setup: EpisodeSetup, task: EpisodeTask, noise: NoiseSource, recorder: Recorder, dt_s: float
-) -> EpisodeResult:
+    setup: episode.EpisodeSetup,
+    task: episode.EpisodeTask,
+    noise: NoiseSource,
+    recorder: Recorder,
+    dt_s: float,
+) -> episode.EpisodeResult:
     """Return the result of an episode that has ended, without its wall time.
 
     Raises:
@@ -137,12 +134,12 @@ def make_result(
             # People count requirements from 1.
             violated=None if judged.violated is None else judged.violated + 1,
         )
-    failure = Outcome.COLLISION if recorder.collided else Outcome.VIOLATION
+    failure = episode.Outcome.COLLISION if recorder.collided else episode.Outcome.VIOLATION
     keep_scene = failed or task.index % setup.scene_every == 0
-    return EpisodeResult(
+    return episode.EpisodeResult(
         index=task.index,
         seed=task.seed,
-        outcome=failure if failed else Outcome.SAFE,
+        outcome=failure if failed else episode.Outcome.SAFE,
         steps=recorder.steps,
         noise=recorder.noise(),
         source=task.source_kind,
@@ -165,6 +162,8 @@ def _refuse_lost_measures(measures: Measures) -> None:
             raise SimulatorError(problem, remedy)
 
 
-def make_errored_result(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:
+def make_errored_result(
+    task: episode.EpisodeTask, recorder: Recorder, why: episode.EpisodeFault
+) -> episode.EpisodeResult:
     """Return the result of an episode that could not be completed."""
-    return replace(unrunnable(task, why), steps=recorder.steps, noise=recorder.noise())
+    return replace(episode.unrunnable(task, why), steps=recorder.steps, noise=recorder.noise())

@@ -18,7 +18,7 @@ from eigenfail_api.access.proxy import ProxySignIn
 from eigenfail_api.access.throttling import LoginThrottle, RateLimiter
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services import access
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""

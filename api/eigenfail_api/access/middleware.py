@@ -28,7 +28,7 @@ from eigenfail_api.dashboard.rendering import as_page, wants_page
 from eigenfail_api.middleware import holds
 from eigenfail_api.parameters import make_outdated_error
 from eigenfail_api.problems import answer, retry_headers
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 LOGGERS = ("uvicorn.error", "eigenfail.access", "asyncio")
 LONGEST = 200

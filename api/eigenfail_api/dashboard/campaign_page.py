@@ -48,8 +48,8 @@ from eigenfail_services.campaigns.summary import (
     list_unrunnable,
     make_staffing,
 )
-from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.store import Store
 
 PARENTS = {"analysis": "/analyses/{}", "campaign": "/campaigns/{}"}
 """Settings of a replay, with the pages of what they name."""

@@ -28,7 +28,7 @@ from eigenfail.values.estimates import Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import Course, CourseBlock, EpisodeSample
 from eigenfail_services.statistics.importance import expected_log_probability
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 # More digits would make pages larger, and no screen could show them.
 DIGITS = 5

@@ -31,7 +31,7 @@ from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.summary import find_course, summaries_of
 from eigenfail_services.comparison import comparability, sides
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 CampaignIds = Sequence[int]
 

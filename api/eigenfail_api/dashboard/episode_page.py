@@ -35,7 +35,7 @@ from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
 from eigenfail_services.campaigns.minimal_failures import METHOD as MINIMAL
 from eigenfail_services.campaigns.recordings import find_mission
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 Facts = tuple[tuple[str, str], ...]
 

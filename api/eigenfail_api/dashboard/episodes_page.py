@@ -28,7 +28,7 @@ from eigenfail_api.dashboard.rendering import (
 )
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.export_formats import has_pyarrow
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 ALL_ERRORED = "No episode was completed: all of them errored."
 

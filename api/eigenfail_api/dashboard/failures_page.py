@@ -16,7 +16,7 @@ from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import Stored
 from eigenfail_api.routes.failures import After, parse_failures
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 

@@ -24,7 +24,7 @@ from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import LARGEST, Stored, read_form
 from eigenfail_services.campaigns import drafts, validation
 from eigenfail_services.campaigns.summary import find_cost
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SWAPS = frozenset({"method", "scenario", "planner", "simulator", "disturbance.shape.kind"})
 

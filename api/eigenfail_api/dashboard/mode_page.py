@@ -33,7 +33,7 @@ from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored,
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
 from eigenfail_services.campaigns.recordings import OverlayBounds, load_mode_recordings
 from eigenfail_services.campaigns.summary import find_cost
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 FAILURES_ON_PAGE = 50
 

@@ -19,7 +19,7 @@ from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, page
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_services.campaigns.summary import find_worker
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SAME = "Same result, bit for bit."
 OTHER = "Different result."

@@ -17,7 +17,7 @@ from eigenfail.values.campaign import Campaign, CampaignFilter
 from eigenfail.values.campaign_spec import LONGEST_NAME, Tag
 from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, Badge, page
 from eigenfail_api.parameters import LARGEST, Stored
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 MOST_HITS = 20
 """Maximum number of hits of one kind on the page."""

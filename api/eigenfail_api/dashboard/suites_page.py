@@ -29,7 +29,7 @@ from eigenfail_api.dashboard.rendering import Tile, make_pager, page
 from eigenfail_api.parameters import Before, Stored, read_form
 from eigenfail_services.campaigns.suites import check_suite, read_suite
 from eigenfail_services.comparison.seeds import make_suite_table
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SEED = "seed"
 NO_SETTINGS = "The members differ only in their names."

@@ -30,7 +30,7 @@ from eigenfail_services.campaigns.suites import create_suite, read_suite
 from eigenfail_services.campaigns.summary import find_chain_mixing
 from eigenfail_services.campaigns.validation import fill_defaults
 from eigenfail_services.comparison.seeds import make_suite_table
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 # Each attempt fails only if the state has changed meanwhile, which does not happen many times in a
 # row.

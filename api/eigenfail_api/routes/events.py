@@ -15,7 +15,7 @@ from eigenfail.values.records import Page
 from eigenfail.wire import http
 from eigenfail_api.openapi import document_route, document_stream
 from eigenfail_api.parameters import LARGEST, Json, Limit, Stored
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 BATCH = 500
 MOST_KEPT = 2_000

@@ -30,7 +30,7 @@ from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import CampaignId, Json, Stored
 from eigenfail_api.problems import answer
 from eigenfail_services.campaigns import summary
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 MAX_AGE_S = 1.0
 """Time for which the outcome of a probe is reused. [s]"""

@@ -11,7 +11,7 @@ from eigenfail_api.openapi import document_file
 from eigenfail_api.parameters import AnalysisId, CampaignId, EpisodeIndex, ModeNumber, Stored
 from eigenfail_api.routes.episodes import EXPLANATIONS
 from eigenfail_services.campaigns import recordings
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 router = APIRouter(prefix=PREFIX)
 

@@ -21,7 +21,7 @@ from eigenfail_failing_region.values import Region
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.comparison.comparability import find_mixed_fields, list_unpairable
 from eigenfail_services.comparison.sides import warn_of_unfinished
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 Parameters = dict[str, object]
 

@@ -8,7 +8,7 @@ from eigenfail.presentation.figures import format_number
 from eigenfail.values.campaign import Campaign
 from eigenfail_failing_region.campaigns import find_region
 from eigenfail_failing_region.values import Region
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 WORDS = (
     "Where the scenario's parameters vary from episode to episode or from campaign to campaign, a "

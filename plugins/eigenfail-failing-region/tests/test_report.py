@@ -6,7 +6,7 @@ from campaigns_here import run_here
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail_failing_region.campaigns import find_region
 from eigenfail_failing_region.report import describe_regions
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 NEAR_OR_FAR = {"distance_m": {"choice": [52.0, 70.0]}}
 

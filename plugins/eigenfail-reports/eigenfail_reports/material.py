@@ -20,7 +20,7 @@ from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_reports.contents import MOST_CAMPAIGNS, Cell
 from eigenfail_services.campaigns.costs import find_newest
 from eigenfail_services.campaigns.summary import find_course, find_safety, find_summary
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 LONGEST_LABEL = 36
 

@@ -26,7 +26,7 @@ from eigenfail_reports import material as materials
 from eigenfail_reports.contents import Report
 from eigenfail_reports.material import Material
 from eigenfail_reports.page import ReportPart, page, to_csv
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 MakePart = Callable[[Material], ReportPart | None]
 

@@ -17,8 +17,8 @@ from anyio.to_thread import run_sync
 
 from eigenfail import __version__
 from eigenfail.errors import EigenfailError
-from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.store import Store
 from eigenfail_webhooks.addresses import AddressRefused, IpNetwork, read_networks, resolve_host
 from eigenfail_webhooks.messages import queue_messages
 from eigenfail_webhooks.outbox import ClaimedDelivery, DeliveryAttempt, Outbox

@@ -17,7 +17,7 @@ from eigenfail.gate.report import list_conclusions
 from eigenfail.values.analysis import AnalysisState
 from eigenfail.values.campaign import FINAL_STATES
 from eigenfail.values.operations import Event
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from eigenfail_webhooks.outbox import EventMessage, Outbox
 from eigenfail_webhooks.values import WebhookEvent
 

@@ -18,8 +18,8 @@ import deadlines
 import pytest
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.store import open_store
 from eigenfail_webhooks import dispatcher
 from eigenfail_webhooks.addresses import parse_networks
 from eigenfail_webhooks.dispatcher import (

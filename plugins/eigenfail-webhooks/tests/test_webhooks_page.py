@@ -13,8 +13,8 @@ import httpx2
 import pytest
 from typer.main import get_command
 
-from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.store import open_store
 from eigenfail_webhooks.addresses import parse_networks
 from eigenfail_webhooks.commands import app
 from eigenfail_webhooks.dispatcher import (

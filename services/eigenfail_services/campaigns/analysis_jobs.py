@@ -30,7 +30,7 @@ from eigenfail_services.campaigns.references import refuse_missing
 from eigenfail_services.campaigns.validation import resolve_method
 from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.methods import find_first_sample
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 WORLD_FIELDS = (
     "scenario",

@@ -12,7 +12,7 @@ from eigenfail.values.safety import Safety
 from eigenfail.values.summary import CampaignCost, SpendingTotals
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.campaigns import summary
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 MAX_ANALYSES_SEARCHED = 100
 """Newest analyses among which a finished one is searched for."""

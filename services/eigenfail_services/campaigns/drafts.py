@@ -16,7 +16,7 @@ from eigenfail.values.campaign_spec import MAX_EPISODES, CampaignSpec
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.references import check_has_knowledge, check_references
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 MOST_PROBLEMS = 100
 EVALUATE = "evaluate"

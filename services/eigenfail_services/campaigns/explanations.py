@@ -27,7 +27,7 @@ from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.analysis.footprints import measure_clearances
 from eigenfail_services.analysis.words import Clock, describe, describe_account
 from eigenfail_services.campaigns.validation import check_spec
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 KEPT = 32
 

@@ -17,7 +17,7 @@ from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods.minimal import MinimalFacts, read_state
 from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 METHOD = "minimal"
 

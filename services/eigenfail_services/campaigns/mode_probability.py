@@ -24,7 +24,7 @@ from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.methods import subset
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 COUNTING = "Monte Carlo"
 SAME_FAILURES = (

@@ -26,8 +26,8 @@ from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
-from eigenfail_services.store import Store
 from eigenfail_services.store.codec import spec_hash
+from eigenfail_services.store.store import Store
 
 REPLAY, NEAREST = "replay", "nearest"
 """Methods of the campaigns that are linked to an analysis."""

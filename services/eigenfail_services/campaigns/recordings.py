@@ -24,8 +24,8 @@ from eigenfail.values.variation import read_variation
 from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of
 from eigenfail_services.campaigns.explanations import Explanations
 from eigenfail_services.campaigns.proofs import read_result
-from eigenfail_services.store import Store
 from eigenfail_services.store.errors import make_mode_error
+from eigenfail_services.store.store import Store
 
 MAX_POSES = 200_000
 """Vehicles times steps of an episode that is written: a file is made in memory as a whole."""

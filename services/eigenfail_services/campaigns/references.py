@@ -26,7 +26,7 @@ from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.rounds import read_checkpoint
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
-    from eigenfail_services.store import Store
+    from eigenfail_services.store.store import Store
 
 MOST_READ = 100_000
 """Episodes that are looked through as data, of all campaigns together."""

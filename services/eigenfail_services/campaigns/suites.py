@@ -13,8 +13,8 @@ from eigenfail.values.campaign import Campaign, CampaignFilter
 from eigenfail.values.suite import SEPARATOR, suite_of
 from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.drafts import move_errors, rename_field, validate_campaign
-from eigenfail_services.store import Store
 from eigenfail_services.store.campaign_creation import NewCampaign, request_one
+from eigenfail_services.store.store import Store
 
 LARGEST_SUITE = 20_000_000
 """Size of the JSON of all members of a suite that a request describes. [bytes]"""

@@ -34,8 +34,8 @@ from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.hub.metrics import TimeAccounting
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import FinishedRun, Hub
-from eigenfail_services.store import Store
 from eigenfail_services.store.lifecycle import BY_USER
+from eigenfail_services.store.store import Store
 
 PROCESSES = Path("/proc")
 ZOMBIE = "Z"

@@ -17,7 +17,7 @@ from eigenfail.values.comparison import Distinction, PairTotals
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.validation import fill_defaults
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 Group = tuple[Campaign, ...]
 

@@ -20,7 +20,7 @@ from eigenfail.worlds import describe_requirements
 from eigenfail_services.analysis import mode_matching
 from eigenfail_services.comparison import release_reading
 from eigenfail_services.comparison.comparability import write_release_question
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 NO_COLLISION = "no collision"
 

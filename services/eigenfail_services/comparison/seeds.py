@@ -28,7 +28,7 @@ from eigenfail_services.comparison.comparability import (
     list_given_settings,
 )
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SEED: KeyPath = ("seed",)
 DEFAULTS = "defaults"

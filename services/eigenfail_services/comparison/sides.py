@@ -19,7 +19,7 @@ from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.comparison import comparability
 from eigenfail_services.statistics import comparison
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SMALLEST_P = 1e-4
 

@@ -186,7 +186,7 @@ def _record_change(
 
     It goes to the database that the environment names, or else to the data folder's.
     """
-    from eigenfail_services.store import open_store
+    from eigenfail_services.store.store import open_store
 
     service = DataFolder(data)
     url = os.environ.get(DATABASE_VARIABLE)

@@ -11,9 +11,9 @@ from eigenfail.values.episode import EpisodeResult, EpisodeTask
 from eigenfail.values.learning import Policy, Round
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.store import Store
 from eigenfail_services.store.codec import NoiseForm
 from eigenfail_services.store.judging import make_storable
+from eigenfail_services.store.store import Store
 
 MAX_REFUSALS = 3
 

@@ -19,8 +19,8 @@ from eigenfail_services.hub.commits import JudgedResult
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase, Metrics, TimeAccounting, Timeout, Work
 from eigenfail_services.hub.open_rounds import OpenRounds
-from eigenfail_services.store import Store
 from eigenfail_services.store.codec import NoiseForm
+from eigenfail_services.store.store import Store
 
 log = structlog.get_logger()
 

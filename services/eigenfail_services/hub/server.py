@@ -24,7 +24,7 @@ from eigenfail_services.hub.runs import CampaignRun, RunSpec
 from eigenfail_services.hub.transport import Poller, bind, is_connected, send
 from eigenfail_services.hub.worker_sessions import Draining, WorkerSessions
 from eigenfail_services.hub.worker_table import RosterWriter, UnrunnableCampaigns
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 # Commands come through a queue, which wakes no poller: they wait up to this long.
 TICK_MS = 20

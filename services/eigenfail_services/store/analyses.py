@@ -17,15 +17,9 @@ from eigenfail.values.analysis import (
 )
 from eigenfail.values.records import JobKind, Page
 from eigenfail.values.triage import Triage, TriageChange, TriageState, change_triage
+from eigenfail_services.store import codec
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import (
-    StructRows,
-    pack,
-    to_analysis_result,
-    to_json,
-    to_settings,
-)
 from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import EventSubject, append_event
@@ -45,14 +39,17 @@ Read = TypeVar("Read", bound=Struct)
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
-_PARSERS: dict[str, Callable[[Any], Any]] = {"settings": to_settings, "result": to_analysis_result}
-_WHOLE = StructRows(analyses, Analysis, _PARSERS)
+_PARSERS: dict[str, Callable[[Any], Any]] = {
+    "settings": codec.to_settings,
+    "result": codec.to_analysis_result,
+}
+_WHOLE = codec.StructRows(analyses, Analysis, _PARSERS)
 # Results have megabytes: lists of analyses do not read them.
-_BRIEF = StructRows(analyses, Analysis, _PARSERS, without=("result",))
-_MODE = StructRows(modes, Mode)
+_BRIEF = codec.StructRows(analyses, Analysis, _PARSERS, without=("result",))
+_MODE = codec.StructRows(modes, Mode)
 _MODES = select(*_MODE.columns).order_by(modes.c.number)
 # A mode and its triage lie in one row.
-_TRIAGE = StructRows(modes, Triage)
+_TRIAGE = codec.StructRows(modes, Triage)
 
 
 class AnalysisStore(StorePart):
@@ -68,7 +65,7 @@ class AnalysisStore(StorePart):
             insert(analyses)
             .values(
                 campaign=campaign,
-                settings=to_json(settings),
+                settings=codec.to_json(settings),
                 state=AnalysisState.QUEUED,
                 created_ms=now_ms(),
                 problem="",
@@ -118,7 +115,7 @@ class AnalysisStore(StorePart):
             "modes": len(result.modes),
             "silhouette": keep_finite(result.silhouette),
             "noise_silhouette": keep_finite(result.noise_silhouette),
-            "result": pack(result),
+            "result": codec.pack(result),
         }
         with self._database.writing() as connection:
             # The modes are inserted in the same transaction: no reader sees a finished analysis
@@ -303,7 +300,7 @@ def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisRe
 
 def _read_of_mode(
     connection: Connection,
-    rows: StructRows[Read],
+    rows: codec.StructRows[Read],
     analysis: int,
     number: int,
     *,

@@ -11,15 +11,8 @@ from eigenfail.values.campaign import Campaign, CampaignState, Counts, EpisodeFo
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.suite import suite_of
+from eigenfail_services.store import codec
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import (
-    COUNTS,
-    OVERHEAD,
-    spec_text,
-    to_campaign,
-    to_json,
-    to_tags_text,
-)
 from eigenfail_services.store.engine import CHUNK
 from eigenfail_services.store.schema import campaigns, episode_index, episodes
 
@@ -43,7 +36,7 @@ def read_campaign(
     if found is None:
         problem = f"Campaign {campaign} does not exist."
         raise NotFound(problem, "`eigenfail campaign list` lists them.")
-    return to_campaign(found)
+    return codec.to_campaign(found)
 
 
 def lock_campaign(connection: Connection, campaign: int) -> Campaign:
@@ -68,11 +61,11 @@ def insert_campaign(
         insert(campaigns)
         .values(
             state=CampaignState.QUEUED,
-            spec=spec_text(spec),
+            spec=codec.spec_text(spec),
             priority=spec.priority,
             planner_version=spec.version or None,
             project=None if spec.project is UNSET else spec.project,
-            tags=to_tags_text(spec.all_tags),
+            tags=codec.to_tags_text(spec.all_tags),
             made_by=made_by,
             created_ms=now_ms(),
             active_s=0.0,
@@ -80,13 +73,13 @@ def insert_campaign(
             suite=suite_of(spec.name),
             # Stored, so that later campaigns and analyses compare rows: the scenario may be
             # another one by then, or gone.
-            form=to_json(form),
-            **dict.fromkeys(OVERHEAD, 0.0),
+            form=codec.to_json(form),
+            **dict.fromkeys(codec.OVERHEAD, 0.0),
             **count_columns(Counts(spec.episodes)),
         )
         .returning(campaigns)
     )
-    return to_campaign(connection.execute(statement).mappings().one())
+    return codec.to_campaign(connection.execute(statement).mappings().one())
 
 
 def update_campaign(connection: Connection, campaign: Campaign) -> None:
@@ -114,7 +107,7 @@ def update_learner(
     connection: Connection, campaign: int, estimate: Estimate | None, trained_episodes: int | None
 ) -> None:
     """Write the estimate of a locked campaign's learner, and its number of trained episodes."""
-    text = None if estimate is None else to_json(estimate)
+    text = None if estimate is None else codec.to_json(estimate)
     connection.execute(
         update(campaigns)
         .where(campaigns.c.id == campaign)
@@ -124,7 +117,7 @@ def update_learner(
 
 def count_columns(counts: Counts) -> dict[str, int]:
     """Return counts as columns of a campaign's row."""
-    return {column: getattr(counts, name) for column, name in COUNTS.items()}
+    return {column: getattr(counts, name) for column, name in codec.COUNTS.items()}
 
 
 def hash_results(connection: Connection, campaign: int) -> str:

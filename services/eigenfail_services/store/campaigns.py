@@ -23,6 +23,7 @@ from eigenfail.values.operations import Versions
 from eigenfail.values.records import Job, JobKind, Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail.versions import describe_mixed
+from eigenfail_services.store import listing
 from eigenfail_services.store.campaign_creation import (
     NewCampaign,
     create_campaigns,
@@ -50,12 +51,6 @@ from eigenfail_services.store.lifecycle import (
     move_campaign,
     set_archived,
     set_priority,
-)
-from eigenfail_services.store.listing import (
-    contains_text,
-    filter_campaigns,
-    iterate_items,
-    sort_campaigns,
 )
 from eigenfail_services.store.schema import campaigns, idempotency_keys
 
@@ -198,20 +193,20 @@ class CampaignStore(StorePart):
         Raises:
             InvalidValue: the order is not by id, and no campaign has the id `before`.
         """
-        query = select(campaigns).where(*filter_campaigns(where)).limit(limit + 1)
+        query = select(campaigns).where(*listing.filter_campaigns(where)).limit(limit + 1)
         with self._database.reading() as connection:
-            query = sort_campaigns(connection, query, before, sort)
+            query = listing.sort_campaigns(connection, query, before, sort)
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
 
     def iterate(self, where: CampaignFilter = ANY_CAMPAIGN) -> Iterator[Campaign]:
         """Yield the campaigns that match a filter, newest first; no transaction stays open."""
-        return iterate_items(lambda before: self.page(CAMPAIGNS_AT_A_TIME, before, where))
+        return listing.iterate_items(lambda before: self.page(CAMPAIGNS_AT_A_TIME, before, where))
 
     def count(self, where: CampaignFilter = ANY_CAMPAIGN) -> int:
         """Return the number of campaigns that match a filter."""
-        query = select(func.count()).select_from(campaigns).where(*filter_campaigns(where))
+        query = select(func.count()).select_from(campaigns).where(*listing.filter_campaigns(where))
         with self._database.reading() as connection:
             return connection.execute(query).scalar_one()
 
@@ -230,7 +225,7 @@ class CampaignStore(StorePart):
         """Return suites whose names contain a text in small or large letters, newest first."""
         query = (
             select(campaigns.c.suite)
-            .where(contains_text(campaigns.c.suite, text))
+            .where(listing.contains_text(campaigns.c.suite, text))
             .group_by(campaigns.c.suite)
             .order_by(func.max(campaigns.c.id).desc())
             .limit(limit)

@@ -19,61 +19,23 @@ from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.records import Page
 from eigenfail.values.safety import SeveritySample
-from eigenfail_services.store.campaign_rows import (
-    hash_results,
-    lock_campaign,
-    read_campaign,
-    update_counts,
-)
+from eigenfail_services.store import campaign_rows, codec, listing, schema, totals
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import (
-    count_requirements,
-    pack,
-    to_blob,
-    to_counted_z,
-    to_failure_course,
-    to_noise_form,
-    to_result,
-    to_row,
-)
 from eigenfail_services.store.engine import StorePart, chunks
 from eigenfail_services.store.errors import make_episode_error, make_pruned_error
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.judging import Kept, judge, make_rows
-from eigenfail_services.store.listing import (
-    Expression,
-    count_episodes,
-    iterate_items,
-    page_queries,
-    preceding_queries,
-    select_column,
-)
 from eigenfail_services.store.references import select_pruned_ms
-from eigenfail_services.store.schema import (
-    campaigns,
-    deaths,
-    episode_index,
-    episodes,
-    is_failure,
-    mode_members,
-    requirement_values,
-    scenes,
-    trajectories,
-)
-from eigenfail_services.store.totals import (
-    count_pairs,
-    sample_severities,
-)
 
 ROWS_AT_A_TIME = 5_000
 
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
 
-_KNOWN = sa.select(episode_index, episodes.c.digest).where(
-    episodes.c.campaign == sa.bindparam("campaign"),
+_KNOWN = sa.select(schema.episode_index, schema.episodes.c.digest).where(
+    schema.episodes.c.campaign == sa.bindparam("campaign"),
     # Of the plain type: there are none outside the campaign's range, which `Number` would clamp.
-    episode_index.in_(sa.bindparam("indices", type_=sa.BigInteger(), expanding=True)),
+    schema.episode_index.in_(sa.bindparam("indices", type_=sa.BigInteger(), expanding=True)),
 )
 
 _POSITIONAL = {
@@ -91,7 +53,7 @@ def _store_deliveries(
     Raises:
         NotFound: no such campaign.
     """
-    before = lock_campaign(connection, campaign)
+    before = campaign_rows.lock_campaign(connection, campaign)
     indices = {delivery.result.index for delivery in deliveries}
     known = _read_digests(
         connection, campaign, {index for index in indices if 0 <= index < before.counts.planned}
@@ -99,7 +61,7 @@ def _store_deliveries(
     judgement = judge(before, known, deliveries)
     _insert_results(connection, campaign, judgement.kept)
     if judgement.counts != before.counts:
-        update_counts(connection, campaign, judgement.counts)
+        campaign_rows.update_counts(connection, campaign, judgement.counts)
     for alarm in judgement.alarms:
         message = (
             f"Worker {alarm.worker} brought another result of episode {alarm.result.index} of "
@@ -123,15 +85,15 @@ def _insert_results(connection: sa.Connection, campaign: int, kept: Sequence[Kep
         return
     at_ms = now_ms()
     # Episodes are inserted first: the rows of the other tables refer to them.
-    _insert_rows(connection, episodes, make_rows(campaign, kept, at_ms))
-    _insert_rows(connection, trajectories, [_blobs(campaign, one.result) for one in kept])
+    _insert_rows(connection, schema.episodes, make_rows(campaign, kept, at_ms))
+    _insert_rows(connection, schema.trajectories, [_blobs(campaign, one.result) for one in kept])
     seen = [
-        (campaign, one.result.index, pack(one.result.scene))
+        (campaign, one.result.index, codec.pack(one.result.scene))
         for one in kept
         if one.result.scene is not None
     ]
     if seen:
-        _insert_rows(connection, scenes, seen)
+        _insert_rows(connection, schema.scenes, seen)
     judged = [
         (campaign, one.result.index, number, value)
         for one in kept
@@ -139,17 +101,17 @@ def _insert_results(connection: sa.Connection, campaign: int, kept: Sequence[Kep
         if value is not None
     ]
     if judged:
-        _insert_rows(connection, requirement_values, judged)
+        _insert_rows(connection, schema.requirement_values, judged)
 
 
 def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
     return (
         campaign,
         result.index,
-        to_blob(result.noise.z),
-        to_blob(result.noise.sigma),
-        None if result.states is None else to_blob(result.states),
-        None if result.importance is None else to_blob(result.importance),
+        codec.to_blob(result.noise.z),
+        codec.to_blob(result.noise.sigma),
+        None if result.states is None else codec.to_blob(result.states),
+        None if result.importance is None else codec.to_blob(result.importance),
     )
 
 
@@ -177,37 +139,41 @@ def _add_death(connection: sa.Connection, campaign: int, index: int) -> int:
     # No upsert is needed: the campaign is locked, so no other transaction inserts the row between
     # these two statements.
     count = (
-        sa.update(deaths)
-        .where(deaths.c.campaign == campaign, deaths.c["index"] == index)
-        .values(workers=deaths.c.workers + 1)
-        .returning(deaths.c.workers)
+        sa.update(schema.deaths)
+        .where(schema.deaths.c.campaign == campaign, schema.deaths.c["index"] == index)
+        .values(workers=schema.deaths.c.workers + 1)
+        .returning(schema.deaths.c.workers)
     )
     if (workers := connection.execute(count).scalar_one_or_none()) is not None:
         return int(workers)
-    connection.execute(sa.insert(deaths).values(campaign=campaign, index=index, workers=1))
+    connection.execute(sa.insert(schema.deaths).values(campaign=campaign, index=index, workers=1))
     return 1
 
 
-_SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
-    trajectories.c["index"] == episode_index
+_SAME_TRAJECTORY = (schema.trajectories.c.campaign == schema.episodes.c.campaign) & (
+    schema.trajectories.c["index"] == schema.episode_index
 )
-_SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
+_SAME_SCENE = (schema.scenes.c.campaign == schema.episodes.c.campaign) & (
+    schema.scenes.c["index"] == schema.episode_index
+)
 _RESULTS = (
-    sa.select(*episodes.c, campaigns.c.spec)
-    .add_columns(trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
-    .add_columns(trajectories.c.importance)
-    .select_from(episodes)
-    .join(campaigns, campaigns.c.id == episodes.c.campaign)
-    .outerjoin(trajectories, _SAME_TRAJECTORY)
+    sa.select(*schema.episodes.c, schema.campaigns.c.spec)
+    .add_columns(schema.trajectories.c.z, schema.trajectories.c.sigma, schema.trajectories.c.states)
+    .add_columns(schema.trajectories.c.importance)
+    .select_from(schema.episodes)
+    .join(schema.campaigns, schema.campaigns.c.id == schema.episodes.c.campaign)
+    .outerjoin(schema.trajectories, _SAME_TRAJECTORY)
     .add_columns(select_pruned_ms().label("pruned_ms"))
 )
 
 ROWS = sa.select(
-    *episodes.c, select_pruned_ms().label("noise_pruned_ms"), select_column("mode").label("mode")
+    *schema.episodes.c,
+    select_pruned_ms().label("noise_pruned_ms"),
+    listing.select_column("mode").label("mode"),
 )
 """Columns of the lines of a list of episodes."""
 
-_SPEC = sa.select(campaigns.c.spec).where(campaigns.c.id == sa.bindparam("campaign"))
+_SPEC = sa.select(schema.campaigns.c.spec).where(schema.campaigns.c.id == sa.bindparam("campaign"))
 
 
 class EpisodeStore(StorePart):
@@ -237,7 +203,7 @@ class EpisodeStore(StorePart):
             NotFound: no such campaign.
         """
         with self._database.writing() as connection:
-            lock_campaign(connection, campaign)
+            campaign_rows.lock_campaign(connection, campaign)
             return _add_death(connection, campaign, index)
 
     def get(self, campaign: int, index: int) -> EpisodeResult:
@@ -248,17 +214,17 @@ class EpisodeStore(StorePart):
             NoisePruned: the episode's noise was pruned.
         """
         query = (
-            _RESULTS.add_columns(scenes.c.scene)
-            .outerjoin(scenes, _SAME_SCENE)
-            .where(episodes.c.campaign == campaign, episode_index == index)
+            _RESULTS.add_columns(schema.scenes.c.scene)
+            .outerjoin(schema.scenes, _SAME_SCENE)
+            .where(schema.episodes.c.campaign == campaign, schema.episode_index == index)
         )
         with self._database.reading() as connection:
-            read_campaign(connection, campaign)
+            campaign_rows.read_campaign(connection, campaign)
             found = connection.execute(query).mappings().one_or_none()
             judged = _read_requirements(connection, campaign, [index])[index]
         if found is None or not _has_result(found):
             raise make_episode_error(campaign, index)
-        return replace(to_result(found, found["scene"]), requirements=tuple(judged))
+        return replace(codec.to_result(found, found["scene"]), requirements=tuple(judged))
 
     def page(
         self,
@@ -275,7 +241,7 @@ class EpisodeStore(StorePart):
         """
         found: list[records.EpisodeRow] = []
         with self._database.reading() as connection:
-            for query in page_queries(connection, campaign, after, where, sort):
+            for query in listing.page_queries(connection, campaign, after, where, sort):
                 keys = query.limit(limit + 1 - len(found))
                 found += _rows(connection, campaign, connection.execute(keys).scalars().all())
                 if len(found) > limit:
@@ -285,12 +251,12 @@ class EpisodeStore(StorePart):
 
     def iterate(self, campaign: int) -> Iterator[records.EpisodeRow]:
         """Yield the finished episodes of a campaign by index; no transaction stays open."""
-        return iterate_items(lambda after: self.page(campaign, ROWS_AT_A_TIME, after))
+        return listing.iterate_items(lambda after: self.page(campaign, ROWS_AT_A_TIME, after))
 
     def count(self, campaign: int, where: filters.Conditions = ()) -> int:
         """Return the number of finished episodes that fulfil all conditions."""
         with self._database.reading() as connection:
-            return connection.execute(count_episodes(campaign, where)).scalar_one()
+            return connection.execute(listing.count_episodes(campaign, where)).scalar_one()
 
     def find_preceding(
         self,
@@ -308,7 +274,7 @@ class EpisodeStore(StorePart):
             sort: order of the list.
         """
         with self._database.reading() as connection:
-            for query in preceding_queries(connection, campaign, before, where, sort):
+            for query in listing.preceding_queries(connection, campaign, before, where, sort):
                 if (found := connection.execute(query.limit(1)).scalar()) is not None:
                     return int(found)
         return None
@@ -317,17 +283,21 @@ class EpisodeStore(StorePart):
         self, analysis: int, number: int, sort: filters.SortOrder, limit: int
     ) -> list[records.EpisodeRow]:
         """Return the first failures of a mode in an order; its campaigns may be several."""
-        column = select_column(sort.column)
+        column = listing.select_column(sort.column)
         last_first = column.desc() if sort.descending else column
         query = (
-            sa.select(episodes.c.campaign, episode_index)
+            sa.select(schema.episodes.c.campaign, schema.episode_index)
             .join(
-                mode_members,
-                (mode_members.c.campaign == episodes.c.campaign)
-                & (mode_members.c["index"] == episode_index),
+                schema.mode_members,
+                (schema.mode_members.c.campaign == schema.episodes.c.campaign)
+                & (schema.mode_members.c["index"] == schema.episode_index),
             )
-            .where(mode_members.c.analysis == analysis, mode_members.c.number == number)
-            .order_by(column.is_(None), last_first, episodes.c.campaign, episode_index)
+            .where(
+                schema.mode_members.c.analysis == analysis, schema.mode_members.c.number == number
+            )
+            .order_by(
+                column.is_(None), last_first, schema.episodes.c.campaign, schema.episode_index
+            )
             .limit(limit)
         )
         with self._database.reading() as connection:
@@ -347,10 +317,12 @@ class EpisodeStore(StorePart):
         Raises:
             NoisePruned: the noise of one of them was pruned.
         """
-        query = _RESULTS.where(episodes.c.campaign == campaign).order_by(episode_index)
+        query = _RESULTS.where(schema.episodes.c.campaign == campaign).order_by(
+            schema.episode_index
+        )
         with self._database.reading() as connection:
             return [
-                to_result(found)
+                codec.to_result(found)
                 for is_chosen in _select_indices(set(indices))
                 for found in connection.execute(query.where(is_chosen)).mappings()
                 if _has_result(found)
@@ -372,33 +344,33 @@ class EpisodeStore(StorePart):
         with self._database.reading() as connection:
             spec = connection.execute(_SPEC, {"campaign": campaign}).scalar()
             # Of one outcome, an index has the failures in order.
-            collided = episodes.c.outcome == Outcome.COLLISION
+            collided = schema.episodes.c.outcome == Outcome.COLLISION
             query = (
-                sa.select(episode_index, trajectories.c.z)
-                .join(trajectories, _SAME_TRAJECTORY)
-                .where(episodes.c.campaign == campaign)
-                .where(is_failure if count_requirements(spec) else collided)
-                .order_by(episode_index)
+                sa.select(schema.episode_index, schema.trajectories.c.z)
+                .join(schema.trajectories, _SAME_TRAJECTORY)
+                .where(schema.episodes.c.campaign == campaign)
+                .where(schema.is_failure if codec.count_requirements(spec) else collided)
+                .order_by(schema.episode_index)
                 .execution_options(yield_per=records.PORTION)
             )
             for rows_ in connection.execute(query).partitions():
                 yield records.Failures(
                     tuple(index for index, _ in rows_),
-                    tuple(to_counted_z(z, to_noise_form(spec)) for _, z in rows_),
+                    tuple(codec.to_counted_z(z, codec.to_noise_form(spec)) for _, z in rows_),
                 )
 
     def failure_courses(self, campaign: int) -> Iterator[records.FailureCourse]:
         """Yield the course of all failures whose scene is stored, in index order."""
         with self._database.reading() as connection:
             query = (
-                sa.select(episode_index, scenes.c.scene)
-                .join(scenes, _SAME_SCENE)
-                .where(episodes.c.campaign == campaign, is_failure)
-                .order_by(episode_index)
+                sa.select(schema.episode_index, schema.scenes.c.scene)
+                .join(schema.scenes, _SAME_SCENE)
+                .where(schema.episodes.c.campaign == campaign, schema.is_failure)
+                .order_by(schema.episode_index)
                 .execution_options(yield_per=SCENES_AT_A_TIME)
             )
             for index, scene in connection.execute(query):
-                yield to_failure_course(index, scene)
+                yield codec.to_failure_course(index, scene)
 
     def mode_courses(
         self, analysis: int, campaign: int, most: int
@@ -413,7 +385,7 @@ class EpisodeStore(StorePart):
         Returns:
             The number of failures, and the courses of those whose scene is stored.
         """
-        member = mode_members.c
+        member = schema.mode_members.c
         of_campaign = (member.analysis == analysis) & (member.campaign == campaign)
         query = sa.select(member.number, member["index"]).where(of_campaign)
         with self._database.reading() as connection:
@@ -427,15 +399,15 @@ class EpisodeStore(StorePart):
 
     def sample_severities(self, campaign: int, first: int) -> SeveritySample:
         """Return the severities of the failures from the index `first` on."""
-        return self._database.read(sample_severities, campaign, first)
+        return self._database.read(totals.sample_severities, campaign, first)
 
     def paired(self, first: int, second: int) -> PairTotals:
         """Count episodes that both campaigns completed with one seed and source, by outcome."""
-        return self._database.read(count_pairs, first, second)
+        return self._database.read(totals.count_pairs, first, second)
 
     def digest(self, campaign: int) -> str:
         """Return the SHA-256 over one line "index digest" for each result, in index order."""
-        return self._database.read(hash_results, campaign)
+        return self._database.read(campaign_rows.hash_results, campaign)
 
 
 def _has_result(found: sa.RowMapping) -> bool:
@@ -451,25 +423,27 @@ def _has_result(found: sa.RowMapping) -> bool:
     return found["z"] is not None
 
 
-def _select_indices(indices: set[int]) -> Iterator[Expression]:
+def _select_indices(indices: set[int]) -> Iterator[listing.Expression]:
     """Yield conditions, each for one statement, that select these indices in rising order."""
     for chunk in chunks(indices):
         first, last = chunk[0], chunk[-1]
         # Those of a round follow each other: a range is faster than hundreds of parameters.
         follow = last - first + 1 == len(chunk)
-        yield episode_index.between(first, last) if follow else episode_index.in_(chunk)
+        yield (
+            schema.episode_index.between(first, last) if follow else schema.episode_index.in_(chunk)
+        )
 
 
 def _rows(
     connection: sa.Connection, campaign: int, indices: Sequence[int]
 ) -> list[records.EpisodeRow]:
-    query = ROWS.where(episodes.c.campaign == campaign)
+    query = ROWS.where(schema.episodes.c.campaign == campaign)
     found: dict[int, records.EpisodeRow] = {}
     for chunk in chunks(set(indices)):
         judged = _read_requirements(connection, campaign, chunk)
-        for row in connection.execute(query.where(episode_index.in_(chunk))).mappings():
+        for row in connection.execute(query.where(schema.episode_index.in_(chunk))).mappings():
             index = row["index"]
-            found[index] = to_row(row, tuple(judged[index]))
+            found[index] = codec.to_row(row, tuple(judged[index]))
     return [found[index] for index in indices]
 
 
@@ -480,14 +454,14 @@ def _read_requirements(
 
     None of a requirement that was not judged. An episode without any has an empty list.
     """
-    value = requirement_values.c
+    value = schema.requirement_values.c
     query = (
         sa.select(value["index"], value.requirement, value.robustness)
         .where(value.campaign == campaign, value["index"].in_(indices))
         .order_by(value["index"], value.requirement)
     )
-    chosen = sa.select(campaigns.c.spec).where(campaigns.c.id == campaign)
-    named = count_requirements(connection.execute(chosen).scalar_one_or_none())
+    chosen = sa.select(schema.campaigns.c.spec).where(schema.campaigns.c.id == campaign)
+    named = codec.count_requirements(connection.execute(chosen).scalar_one_or_none())
     judged: defaultdict[int, list[float | None]] = defaultdict(list)
     for index, requirement, robustness in connection.execute(query):
         judged[index] = judged[index] or [None] * named
@@ -500,8 +474,8 @@ def _read_courses(
 ) -> tuple[records.FailureCourse, ...]:
     count = min(most, len(indices))
     chosen = [indices[place * len(indices) // count] for place in range(count)]
-    query = sa.select(scenes.c["index"], scenes.c.scene).where(
-        scenes.c.campaign == campaign, scenes.c["index"].in_(chosen)
+    query = sa.select(schema.scenes.c["index"], schema.scenes.c.scene).where(
+        schema.scenes.c.campaign == campaign, schema.scenes.c["index"].in_(chosen)
     )
-    found = connection.execute(query.order_by(scenes.c["index"]))
-    return tuple(to_failure_course(index, scene) for index, scene in found)
+    found = connection.execute(query.order_by(schema.scenes.c["index"]))
+    return tuple(codec.to_failure_course(index, scene) for index, scene in found)

@@ -13,7 +13,6 @@ from pathlib import Path
 from eigenfail.addresses import sqlite_path, sqlite_uri
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.values.operations import Backup, Vacuumed
-from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import find_backend, read_kind
 from eigenfail_services.store.migrate import refuse_unknown
 from eigenfail_services.store.schema import (
@@ -23,6 +22,7 @@ from eigenfail_services.store.schema import (
     plugin_versions,
 )
 from eigenfail_services.store.sqlite import find_mode
+from eigenfail_services.store.store import open_store
 
 FILLED = {VERSION_TABLE, event_counter.name, plugin_versions.name}
 """The tables that have rows in a new database."""

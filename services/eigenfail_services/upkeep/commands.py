@@ -95,7 +95,7 @@ def current(url: str) -> CommandResult:
 @prints_answer(opened_by=name_database)
 def check(url: str) -> CommandResult:
     """Check whether the schema is that of this release; exit with 3 if not."""
-    from eigenfail_services.store import open_store
+    from eigenfail_services.store.store import open_store
 
     open_store(url, migrate=False).close()
     return _show_revision("check", url, "The database's schema is this program's: revision {}.")

@@ -12,10 +12,10 @@ from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.methods import traits_of
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter
 from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, Weight
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import find_backend
 from eigenfail_services.store.errors import make_running_error
+from eigenfail_services.store.store import Store, open_store
 
 DAY_MS = 86_400_000
 """Ages of campaigns are given in days, and their ends are stored in milliseconds."""

@@ -23,7 +23,6 @@ from eigenfail.values.episode import EpisodeTask, Outcome
 from eigenfail.values.operations import DRAWN_AGAIN, Check, Defect, Verification
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.store import Store
 from eigenfail_services.store import migrate as schema
 from eigenfail_services.store.engine import Database, find_backend, read_kind
 from eigenfail_services.store.jobs import LEASE_OVER, NOT_DEAD, SUBJECTS
@@ -41,6 +40,7 @@ from eigenfail_services.store.schema import (
     spec_field,
     trajectories,
 )
+from eigenfail_services.store.store import Store
 
 AT_A_TIME = 500
 """Number of rows in memory at a time."""

@@ -16,7 +16,7 @@ from eigenfail_api.access.throttling import (
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import DatabaseKeys, make_key
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 CAMPAIGNS = "/api/v1/campaigns"
 ADMIN = {"name": "first", "scope": "admin"}

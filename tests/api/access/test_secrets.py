@@ -10,7 +10,7 @@ from eigenfail.values.access import KeyRequest, NewKey, Scope, redact
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import make_key
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 CAMPAIGNS = "/api/v1/campaigns"
 

@@ -15,7 +15,7 @@ from eigenfail.values.summary import MOST_SAMPLES
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard import campaign_page
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 HTML = {"Accept": "text/html"}
 SHARED = re.compile(r"BEGIN|SELECT keys\.")

@@ -11,7 +11,7 @@ import pytest
 from working_service import WorkingService, run_command
 
 from eigenfail.hosting import service as local_service
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 CONTROLLER = """
 import http.server, sys

@@ -9,7 +9,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.testing.examples import result
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 SAYS = {
     "upgrade": r"The database's schema is at revision \d{4}, which is this program's\.\n",

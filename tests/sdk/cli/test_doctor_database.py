@@ -11,7 +11,7 @@ from eigenfail import plugins
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.records import Delivery
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.service
 

@@ -6,7 +6,7 @@ import pytest
 
 from eigenfail.values.access import TOKEN
 from eigenfail_services.access import DatabaseKeys
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from eigenfail_services import __main__ as services
 from eigenfail_services.hub.key_commands import find_user
 from eigenfail_services.hub.keys import HubKeys, KeyFolder, derive_public_key
 from eigenfail_services.hub.transport import load_keys
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 @pytest.fixture(autouse=True)

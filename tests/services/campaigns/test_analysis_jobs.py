@@ -27,7 +27,7 @@ from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns import analysis_jobs as module
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs, find_basis, run_analysis
 from eigenfail_services.hub.metrics import Timeout
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 QUICK = AnalysisSettings(bootstrap=2)
 

@@ -15,7 +15,7 @@ from eigenfail_services.campaigns import drafts
 from eigenfail_services.campaigns.validation import fill_defaults
 from eigenfail_services.comparison import sides
 from eigenfail_services.comparison.comparability import compare_settings
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 FIELDS: dict[str, Any] = {
     "name": "n",

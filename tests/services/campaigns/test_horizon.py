@@ -5,7 +5,7 @@ from msgspec.structs import replace
 from eigenfail import functions
 from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=10)
 

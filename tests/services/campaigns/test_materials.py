@@ -22,7 +22,7 @@ from eigenfail_services.campaigns import references
 from eigenfail_services.campaigns import references as context_module
 from eigenfail_services.campaigns.rounds import run_in_process
 from eigenfail_services.hub.learner_process import create_rounds
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 WORLD = {"planner": "idm", "simulator": "point_mass"}
 CEM = {"method": "cem", "settings": {"batch": 10}}

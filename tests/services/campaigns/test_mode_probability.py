@@ -32,7 +32,7 @@ from eigenfail_services.statistics.subset_simulation import (
     SubsetSettings,
     SubsetSimulation,
 )
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 HIGH, LOW = 3.0, 3.4
 

@@ -39,7 +39,7 @@ from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
 from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
 from eigenfail_services.methods.nearest import mix_noise
 from eigenfail_services.statistics.importance import expected_log_probability
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 WORLD = {"planner": "idm", "simulator": "point_mass"}
 

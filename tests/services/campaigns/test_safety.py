@@ -4,7 +4,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision
 from eigenfail_services.campaigns import summary
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 def test_a_table_is_worked_out_anew_when_results_come_in_alone(monkeypatch) -> None:

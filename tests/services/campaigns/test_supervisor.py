@@ -14,7 +14,7 @@ from eigenfail_services.campaigns import supervisor as module
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.metrics import CampaignPhase
 from eigenfail_services.hub.server import FinishedRun
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 ROOM = module.ROOM[JobKind.CAMPAIGN]
 

@@ -14,7 +14,7 @@ from eigenfail_services.campaigns import supervisor
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.campaigns.supervisor import SupervisedCampaign
 from eigenfail_services.hub.metrics import CampaignPhase, TimeAccounting
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 HOUR_S = 3_600.0
 PRICE_USD = 6.0

@@ -29,7 +29,7 @@ from eigenfail_services.comparison.comparability import (
 )
 from eigenfail_services.comparison.sides import compare
 from eigenfail_services.statistics.intervals import clopper_pearson, rate
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 EPISODES = 50
 CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority", "project", "tags"}

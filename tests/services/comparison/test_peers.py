@@ -9,7 +9,7 @@ from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail_services.comparison.peers import compare_peers
 from eigenfail_services.comparison.seeds import find_spreads
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 PEERS = Peers(
     planner="idm",

@@ -16,7 +16,7 @@ from eigenfail_services.comparison.seeds import OF_THE_SEARCH, find_spreads, mak
 from eigenfail_services.comparison.sides import group_by_seed
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 SEARCH = "cem"
 LENGTH = 10

@@ -22,7 +22,7 @@ from eigenfail_services.hub import transport
 from eigenfail_services.hub.keys import HubKeys, KeyFolder, derive_public_key, generate_secret
 from eigenfail_services.hub.learner_link import LearnerLink, encrypt_caller
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 from eigenfail_workers.worker import hub_connection
 from eigenfail_workers.worker.hub_connection import HubConnection
 

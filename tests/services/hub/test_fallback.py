@@ -22,8 +22,8 @@ from eigenfail_services.hub.commits import JudgedResult
 from eigenfail_services.hub.learner_process import create_rounds, make_proposal
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.runs import CampaignRun, RunSpec
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.schema import checkpoints
+from eigenfail_services.store.store import Store, open_store
 
 WORLD = {"name": "t", "planner": "idm", "simulator": "point_mass", "seed": 5}
 CEM = CampaignSpec(**WORLD, method="cem", episodes=50, settings={"batch": 10})

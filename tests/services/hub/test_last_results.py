@@ -14,7 +14,7 @@ from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.hub import commits
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.service
 

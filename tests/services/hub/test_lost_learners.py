@@ -31,7 +31,7 @@ from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub import learner_link, runs, worker_sessions
 from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 pytestmark = pytest.mark.service
 

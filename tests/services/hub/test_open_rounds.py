@@ -16,8 +16,8 @@ from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.open_rounds import MAX_REFUSALS, OpenRounds
-from eigenfail_services.store import open_store
 from eigenfail_services.store.codec import find_noise_form
+from eigenfail_services.store.store import open_store
 
 TASKS = tuple(episode.EpisodeTask(index, index, episode.PriorSource()) for index in range(4))
 ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])

@@ -13,8 +13,8 @@ from eigenfail_services.hub.worker_table import (
     RosterWriter,
     WorkerSession,
 )
-from eigenfail_services.store import open_store
 from eigenfail_services.store import roster as store_roster
+from eigenfail_services.store.store import open_store
 
 LONG_AGO, LATER = 0, 4_000_000_000_000
 VERSIONS = {"numpy": "2.4.6"}

@@ -24,7 +24,7 @@ from eigenfail_services.hub.learner_link import LearnerLink, encrypt_caller, enc
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase
 from eigenfail_services.hub.runs import CampaignRun, RunEnd, RunSpec
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
 TASKS = tuple(episode.EpisodeTask(index, index, episode.PriorSource()) for index in range(2))

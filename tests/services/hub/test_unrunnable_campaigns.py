@@ -10,7 +10,7 @@ from eigenfail_services.hub.worker_table import (
     WORKERS_MET,
     UnrunnableCampaigns,
 )
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 
 class Play:

@@ -9,7 +9,7 @@ from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.commits import MAX_DEATHS, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 TASKS = tuple(EpisodeTask(index, 100 + index, PriorSource()) for index in range(2))
 

@@ -21,7 +21,7 @@ from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 EPISODES, HORIZON = 100, 5
 DEADLINE_S = deadlines.PROCESS_S

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 sys.path.append(str(Path(__file__).parent))
 

@@ -9,8 +9,8 @@ from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import Store
 from eigenfail_services.upkeep.pruning import PruneSelection
 
 FIFTHS = Retention(keep_every=5)

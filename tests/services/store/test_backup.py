@@ -20,8 +20,8 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceError
 from eigenfail.testing.examples import collision, result
-from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import open_store
 from eigenfail_services.upkeep.backup import backup, restore
 from eigenfail_services.upkeep.verify import verify
 
@@ -36,7 +36,7 @@ COMMIT_FOREVER = """
 import json, sys
 from eigenfail.testing.examples import result
 from store_checks.examples import deliver, running
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 store = open_store(sys.argv[1])
 campaign = running(store, episodes=1_000_000)
 for index in range(0, 1_000_000, 64):

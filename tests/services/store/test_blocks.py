@@ -12,9 +12,9 @@ from eigenfail.testing.examples import analysis_result, collision
 from eigenfail.values.analysis import AnalysisSettings, Diversity
 from eigenfail.values.arrays import encode_array
 from eigenfail.values.disturbance import NoiseTrajectory
-from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import analyses
+from eigenfail_services.store.store import open_store
 
 DIVERSITY = Diversity(
     failures=4,

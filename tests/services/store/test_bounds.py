@@ -6,8 +6,9 @@ from eigenfail.errors import clean_text
 from eigenfail.testing.examples import make_errored_result
 from eigenfail.values.operations import Arrival
 from eigenfail.values.records import Delivery
-from eigenfail_services.store import events, open_store, roster
+from eigenfail_services.store import events, roster
 from eigenfail_services.store.schema import LONGEST_PROSE
+from eigenfail_services.store.store import open_store
 
 
 def test_the_event_log_forgets_its_oldest(store, monkeypatch) -> None:

@@ -9,9 +9,9 @@ from eigenfail.errors import ProtocolError
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.methods.cem import CemSettings, CrossEntropyMethod
-from eigenfail_services.store import Store
 from eigenfail_services.store.checkpoints import hash_state
 from eigenfail_services.store.schema import checkpoints
+from eigenfail_services.store.store import Store
 
 BEFORE, LAST = b"the one before", b"the last one"
 

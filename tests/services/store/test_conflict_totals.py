@@ -8,8 +8,8 @@ from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, result
 from eigenfail.values.measures import Measures
-from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import open_store
 from eigenfail_services.store.totals import sum_campaigns
 
 INDEXES = (

@@ -9,10 +9,10 @@ from msgspec.structs import replace
 
 from eigenfail.testing.examples import spec
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
-from eigenfail_services.store import open_store
 from eigenfail_services.store.campaign_creation import derive_key, hash_specs
 from eigenfail_services.store.codec import spec_text
 from eigenfail_services.store.references import find_named_campaigns, find_named_episodes
+from eigenfail_services.store.store import open_store
 
 
 def test_keys_of_places_are_different_and_short() -> None:

@@ -20,7 +20,7 @@ from store_checks.jobs import claimed
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from eigenfail_services.campaigns import supervisor
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.verify import verify
 
 PATIENCE_S = deadlines.PROCESS_S

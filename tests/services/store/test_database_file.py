@@ -22,8 +22,8 @@ from eigenfail.errors import InvalidValue, StoreDamaged, StoreUnavailable
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.records import Verdict
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import find_backend
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.backup import backup, belongs_to, restore
 from eigenfail_services.upkeep.verify import verify
 
@@ -322,7 +322,7 @@ def test_a_probe_writes_nothing(store, path) -> None:
 WITHOUT_RIGHTS = """
 import os, sys
 from eigenfail.errors import StoreUnavailable
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 
 url, file = sys.argv[1:]
 store = open_store(url)

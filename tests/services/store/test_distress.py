@@ -17,8 +17,9 @@ from store_checks.examples import deliver, running
 from eigenfail.errors import StoreUnwritable
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.campaign import Campaign
-from eigenfail_services.store import Store, alarms, open_store
+from eigenfail_services.store import alarms
 from eigenfail_services.store.engine import find_backend
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.verify import verify
 
 pytestmark = pytest.mark.service
@@ -30,11 +31,12 @@ CUT = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE datna
 
 PREAMBLE = """
 import json, resource, signal, sys
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from eigenfail.errors import StoreUnwritable
 from eigenfail.testing.examples import result
 from store_checks.examples import deliver, running
-from eigenfail_services.store import alarms, open_store
+from eigenfail_services.store import alarms
+from eigenfail_services.store.store import open_store
 alarms.LASTS_S = 600.0
 def tell(**words): print(json.dumps(words), flush=True)
 def go_on(): sys.stdin.readline()

@@ -26,10 +26,10 @@ from eigenfail.testing.examples import collision, make_errored_result, result, s
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import Measures
-from eigenfail_services.store import open_store
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.listing import page_queries
+from eigenfail_services.store.store import open_store
 
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])

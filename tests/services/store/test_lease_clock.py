@@ -9,8 +9,9 @@ from store_checks.examples import running
 from store_checks.jobs import LONG_S, claimed
 
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store, clock, open_store
+from eigenfail_services.store import clock
 from eigenfail_services.store.schema import jobs
+from eigenfail_services.store.store import Store, open_store
 
 HOUR_S = 3_600
 LEASE_S = 10.0

@@ -22,8 +22,8 @@ from eigenfail.testing.examples import collision, make_errored_result, result, s
 from eigenfail.values.campaign import FINAL_STATES, CampaignState, Counts
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Verdict
-from eigenfail_services.store import open_store
 from eigenfail_services.store.lifecycle import MOVES, REPEATABLE
+from eigenfail_services.store.store import open_store
 
 PLANNED = 5
 LONG_S = 60.0

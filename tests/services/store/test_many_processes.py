@@ -16,7 +16,7 @@ from store_checks.jobs import waited_for
 from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 pytestmark = pytest.mark.service
 
@@ -33,7 +33,7 @@ from eigenfail.testing.examples import result, spec
 from store_checks.examples import deliver, running
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.records import Delivery
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 def tell(**words): print(json.dumps(words), flush=True)
 """
 

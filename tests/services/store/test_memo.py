@@ -6,8 +6,8 @@ from threading import Barrier, Thread
 import deadlines
 import pytest
 
-from eigenfail_services.store import open_store
 from eigenfail_services.store.query_cache import AnswerCache
+from eigenfail_services.store.store import open_store
 
 CROWD = 8
 

@@ -11,7 +11,8 @@ import pytest
 
 from eigenfail.errors import InvalidValue, SchemaMismatch, StoreUnavailable
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_services.store import migrate, open_store
+from eigenfail_services.store import migrate
+from eigenfail_services.store.store import open_store
 
 SECRET = "hunter2sesame"
 SPEC = CampaignSpec(name="example", method="monte_carlo", episodes=3)

@@ -21,10 +21,11 @@ from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignState
-from eigenfail_services.store import engine, events, open_store
+from eigenfail_services.store import engine, events
 from eigenfail_services.store.campaign_rows import lock_campaign
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.postgres import limit_statement
+from eigenfail_services.store.store import open_store
 
 CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}'"
 

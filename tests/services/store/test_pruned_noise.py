@@ -21,7 +21,7 @@ from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import check_references, read_experience
 from eigenfail_services.comparison.comparability import pair_episodes
 from eigenfail_services.export_formats import ExportSource, Selection, write_parquet
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
 

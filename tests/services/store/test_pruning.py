@@ -19,10 +19,11 @@ from eigenfail.testing.examples import result, spec
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.summary import find_safety, find_summary
-from eigenfail_services.store import Store, open_store, retention
+from eigenfail_services.store import retention
 from eigenfail_services.store.campaign_creation import create_campaigns, request_one
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.retention import SLICE
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep import pruning
 from eigenfail_services.upkeep.pruning import PruneSelection, prune, rehearse
 from eigenfail_services.upkeep.verify import verify

@@ -11,8 +11,9 @@ from eigenfail.errors import QuotaExceeded
 from eigenfail.testing.examples import spec
 from eigenfail.values.access import Quotas, Usage
 from eigenfail.values.campaign_spec import Priority
-from eigenfail_services.store import access, campaign_rows, campaigns, jobs, open_store
+from eigenfail_services.store import access, campaign_rows, campaigns, jobs
 from eigenfail_services.store.access import DAY_MS
+from eigenfail_services.store.store import open_store
 
 AT_ONCE = 8
 LONG_S = 600.0

@@ -9,9 +9,9 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import collision
-from eigenfail_services.store import open_store
 from eigenfail_services.store.migrate import read_version
 from eigenfail_services.store.schema import VERSION
+from eigenfail_services.store.store import open_store
 from eigenfail_services.upkeep.backup import backup, restore
 from eigenfail_services.upkeep.verify import verify
 

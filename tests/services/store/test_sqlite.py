@@ -9,8 +9,8 @@ import pytest
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import result
-from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import open_store
 
 DURABLE = {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "busy_timeout": 10_000}
 

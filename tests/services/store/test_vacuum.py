@@ -13,7 +13,8 @@ from eigenfail.errors import Conflict, SchemaMismatch, ServiceError, StoreUnavai
 from eigenfail.testing.examples import result
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
-from eigenfail_services.store import open_store, schema
+from eigenfail_services.store import schema
+from eigenfail_services.store.store import open_store
 from eigenfail_services.upkeep.backup import vacuum
 from eigenfail_services.upkeep.pruning import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify

@@ -18,8 +18,8 @@ from eigenfail.values.episode import EpisodeTask, PriorSource, episode_seed
 from eigenfail.values.operations import Check, Verification
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.verify import MAX_SHOWN, verify
 
 STATE = write_checkpoint(Checkpoint(FORMAT, 1, 10, 1, 0, False, None, (), b""))

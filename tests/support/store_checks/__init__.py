@@ -5,7 +5,7 @@ Each check gets an empty store of its own.
 
 from collections.abc import Callable
 
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks import (
     access,
     archive,

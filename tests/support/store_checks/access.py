@@ -4,7 +4,7 @@ from eigenfail.errors import NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.values.access import AuditEntry, Change, Scope
 from eigenfail.values.records import Page
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, equal
 
 DIGEST = "0123456789abcdef" * 4

@@ -7,7 +7,7 @@ from eigenfail.filters import parse_campaign_sort
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import CampaignFilter, CampaignState
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, equal
 from store_checks.modes import crashed
 

@@ -6,7 +6,7 @@ from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.crowds import CROWD, at_once
 from store_checks.examples import equal
 

@@ -10,7 +10,7 @@ from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.measures import Measures
 from eigenfail.values.summary import BlockTotals
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 

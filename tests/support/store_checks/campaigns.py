@@ -9,7 +9,7 @@ from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignFilter, CampaignState, Counts
 from eigenfail.values.records import Delivery, JobKind
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, equal
 
 S = CampaignState

@@ -10,7 +10,7 @@ from eigenfail.testing.examples import CRASH, collision, make_errored_result, re
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import ConflictClass, ConflictTotals, assess
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, equal, running
 
 WARNED = replace(CRASH, severity=2.0, drac_violated_s=3.25)

@@ -17,7 +17,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignState, Counts
 from eigenfail.values.operations import Event
 from eigenfail.values.records import Verdict
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, equal, running
 
 CROWD = 8

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from eigenfail.errors import NotFound
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import make_errored_result
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 CROWD = 8

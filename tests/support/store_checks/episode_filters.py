@@ -20,7 +20,7 @@ from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.records import EpisodeRow
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.conflicts import every_class
 from store_checks.examples import deliver, equal, running
 

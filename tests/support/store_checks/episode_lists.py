@@ -11,7 +11,7 @@ from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import PORTION
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, WORKER, alike, deliver, equal, running
 
 

@@ -18,7 +18,7 @@ from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.values.scene import Scene
 from eigenfail.values.shapes import Correlated
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import (
     WORKER,
     alike,

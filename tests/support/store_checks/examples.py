@@ -15,7 +15,7 @@ from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 WORKER = "worker-1"
 BEYOND = (0, -1, 999, 2**63, 2**70)

@@ -10,7 +10,7 @@ from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.values.episode import Outcome
 from eigenfail.values.failures import FailureFilter
 from eigenfail.values.measures import Measures
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, equal, running
 
 ANY = FailureFilter(CampaignFilter())

@@ -9,7 +9,7 @@ from eigenfail.testing.examples import result
 from eigenfail.values.campaign import Campaign, CampaignState, Overhead
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.records import Job, Verdict
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, equal, running
 from store_checks.jobs import LONG_S, PASSED_S, PATIENCE_S, claimed, waited_for
 

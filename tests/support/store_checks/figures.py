@@ -7,7 +7,7 @@ from eigenfail.values.campaign import CampaignFilter, CampaignState
 from eigenfail.values.campaign_spec import StopRules
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Delivery, FrequentFault
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 

@@ -10,7 +10,7 @@ from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
 from eigenfail.gate.results import check_report
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.testing import expect_error
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.crowds import at_once
 from store_checks.examples import equal
 

@@ -9,7 +9,7 @@ from eigenfail.testing.examples import result, spec
 from eigenfail.values.analysis import AnalysisSettings, AnalysisState
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.records import Job, JobKind
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, equal, running
 
 LONG_S, SHORT_S, PATIENCE_S = 600.0, 0.05, deadlines.PROCESS_S

@@ -5,8 +5,8 @@ from msgspec.structs import replace
 from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_services.store import Store
 from eigenfail_services.store.codec import spec_hash
+from eigenfail_services.store.store import Store
 from store_checks.examples import equal
 
 LABELS = {"planner_version": "v1.2", "project": "Stau ✓ 'one'", "tags": ("a", "nightly")}

@@ -8,7 +8,7 @@ from eigenfail.testing import expect_error
 from eigenfail.testing.examples import CRASH, analysis_result, collision
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, Mode
 from eigenfail.values.campaign import Campaign
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 WORDS = ("Mode 1: It brakes late. Then it does not.", "Mode 2: It steers, " + "far " * 40)

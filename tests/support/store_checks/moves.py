@@ -5,7 +5,7 @@ from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, Counts
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 S = CampaignState

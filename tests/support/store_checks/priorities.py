@@ -7,7 +7,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, equal
 
 LONG_S = 600.0

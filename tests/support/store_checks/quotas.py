@@ -8,7 +8,7 @@ from eigenfail.testing.examples import result, spec
 from eigenfail.values.access import UNLIMITED, Quotas, Scope, Usage
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.records import Page
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal
 
 DIGEST = "0123456789abcdef" * 4

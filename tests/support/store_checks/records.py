@@ -7,7 +7,7 @@ from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, Analysis
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.records import JobKind
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, alike, equal, running
 
 

@@ -11,7 +11,7 @@ from eigenfail.testing.examples import result as make_result
 from eigenfail.values.analysis import FailureMode
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.scene import Scene
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, running
 from store_checks.modes import analysed
 

@@ -11,7 +11,7 @@ from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery, EpisodeRow, Verdict
 from eigenfail.values.requirements import NoCollision, TimeHeadway
 from eigenfail.values.safety import RequirementTotals
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import WORKER, deliver, equal, running
 
 NAMED = (NoCollision(), TimeHeadway())

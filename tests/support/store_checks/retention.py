@@ -6,7 +6,7 @@ from eigenfail.testing.examples import collision, make_errored_result, result, s
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import Retention, Weight
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 THIRDS = Retention(keep_every=3)

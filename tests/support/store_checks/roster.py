@@ -1,7 +1,7 @@
 """Checks of `Roster`."""
 
 from eigenfail.values.operations import LONGEST_NAME, MOST_VERSIONS, Arrival, Presence
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import equal
 
 LONG_AGO, LATER = 0, 4_000_000_000_000

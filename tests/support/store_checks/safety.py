@@ -11,7 +11,7 @@ from eigenfail.values.measures import Measures
 from eigenfail.values.records import ConflictClass
 from eigenfail.values.safety import FailurePoint, MeasureTotals, SafetyTotals
 from eigenfail.values.summary import SpendingTotals
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, deliver, equal, running
 
 TTC = (4.0, 0.5, None, 1.5, 2.0)

@@ -5,8 +5,8 @@ from eigenfail.testing.examples import collision, make_errored_result, result, s
 from eigenfail.values.campaign import CampaignFilter, CampaignState
 from eigenfail.values.records import Page
 from eigenfail.values.suite import SuiteStanding
-from eigenfail_services.store import Store
 from eigenfail_services.store.campaign_creation import request_one
+from eigenfail_services.store.store import Store
 from store_checks.examples import deliver, equal, running
 
 S = CampaignState

@@ -8,7 +8,7 @@ from eigenfail.errors import NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.triage import Triage, TriageChange, TriageState
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 from store_checks.examples import BEYOND, equal
 from store_checks.modes import analysed, crashed
 

@@ -22,13 +22,7 @@ from eigenfail.contracts import EpisodeEngine, LockstepEngine
 from eigenfail.errors import EigenfailError, describe_error, read_text
 from eigenfail.process_state import ProcessState
 from eigenfail.processes import end_now
-from eigenfail.values.episode import (
-    EpisodeFault,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    unrunnable,
-)
+from eigenfail.values import episode
 from eigenfail.wire import messages
 from eigenfail_workers.limits import RENEWAL, apply_kernel_limits, is_out_of_files
 from eigenfail_workers.worker.child_process import FrameBuffer, write_message
@@ -42,7 +36,7 @@ class SequentialEngine:
 
     def __init__(self, engine: EpisodeEngine) -> None:
         self._engine = engine
-        self._begun: list[EpisodeTask] = []
+        self._begun: list[episode.EpisodeTask] = []
         self.add_policy = engine.add_policy
         self.run = engine.run
         self.close = engine.close
@@ -52,11 +46,11 @@ class SequentialEngine:
         """Number of episodes that may begin: 1, or 0 after `begin`."""
         return 1 - len(self._begun)
 
-    def begin(self, task: EpisodeTask) -> None:
+    def begin(self, task: episode.EpisodeTask) -> None:
         """Keep the episode for the next turn."""
         self._begun.append(task)
 
-    def turn(self) -> list[EpisodeResult]:
+    def turn(self) -> list[episode.EpisodeResult]:
         """Run the episode."""
         begun, self._begun = self._begun, []
         return list(self._engine.run(begun))
@@ -79,15 +73,17 @@ class Child:
             may run in this process.
     """
 
-    def __init__(self, out: BinaryIO, make_engine: Callable[[EpisodeSetup], EpisodeEngine]) -> None:
+    def __init__(
+        self, out: BinaryIO, make_engine: Callable[[episode.EpisodeSetup], EpisodeEngine]
+    ) -> None:
         self._out = out
         self._make_engine = make_engine
         self._engines: dict[int, LockstepEngine] = {}
-        self._refused: dict[int, EpisodeFault] = {}
+        self._refused: dict[int, episode.EpisodeFault] = {}
         # Kept apart from `_refused`: a refusal is the result of each episode, and a declined
         # campaign has no results here, as another worker may be able to run it.
         self._declined: set[int] = set()
-        self._waiting: deque[tuple[int, EpisodeTask]] = deque()
+        self._waiting: deque[tuple[int, episode.EpisodeTask]] = deque()
         self._running = 0
         self._campaign = 0
         self._process_state = ProcessState()
@@ -108,11 +104,13 @@ class Child:
         try:
             self._engines[message.campaign] = as_lockstep(self._make_engine(message.setup))
         except EigenfailError as error:
-            self._refused[message.campaign] = EpisodeFault("input", read_text(error))
+            self._refused[message.campaign] = episode.EpisodeFault("input", read_text(error))
         except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything; no Ctrl-C here
             problem = f"Making simulator and scenario raised {describe_error(error)}."
             remedy = "Look into what they do when they are made."
-            self._refused[message.campaign] = EpisodeFault("simulator", f"{problem} {remedy}")
+            self._refused[message.campaign] = episode.EpisodeFault(
+                "simulator", f"{problem} {remedy}"
+            )
         if changes := before.changes():
             log.warning("process state changed by imports", campaign=message.campaign, what=changes)
         self._process_state = ProcessState()
@@ -165,7 +163,7 @@ class Child:
             self._campaign = campaign
             self._running += 1
             if engine is None:
-                self._report(campaign, unrunnable(task, self._refused[campaign]))
+                self._report(campaign, episode.unrunnable(task, self._refused[campaign]))
                 continue
             slots = max(1, self._running - 1 + engine.room)
             write_message(self._out, messages.Heartbeat(campaign, task.index, slots=slots))
@@ -179,7 +177,7 @@ class Child:
         if engine := self._engines.pop(message.campaign, None):
             engine.close()
 
-    def _report(self, campaign: int, *results: EpisodeResult) -> None:
+    def _report(self, campaign: int, *results: episode.EpisodeResult) -> None:
         self._running -= len(results)
         if results:
             write_message(self._out, messages.Results(campaign, results))

@@ -20,7 +20,7 @@ from eigenfail_services.campaigns.summary import (
     find_chain_mixing,
     find_failure_rate,
 )
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 CHAINS = "chains"
 """The method whose failures after burn-in are samples of p(z | failure)."""

@@ -23,7 +23,7 @@ from eigenfail_assurance.risk.sentences import (
     list_limits,
     list_tables,
 )
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 QUESTION = "question"
 TEMPLATE = "eigenfail_assurance/risk.html"

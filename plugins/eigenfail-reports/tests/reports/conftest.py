@@ -13,7 +13,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail_reports.report import Made, make
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 EPISODES = 24
 NOW_MS = 1_760_000_000_000

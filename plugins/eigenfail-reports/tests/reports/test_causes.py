@@ -15,7 +15,7 @@ from eigenfail_services.analysis.footprints import find_struck
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 VARIED = {"scenario_parameters": {"distance_m": {"uniform": [52.0, 70.0]}}, "episodes": 80}
 

@@ -14,7 +14,7 @@ from eigenfail.values.estimates import Interval, Rate
 from eigenfail_reports.foreign_sections import GROUP, make_part
 from eigenfail_reports.page import to_csv
 from eigenfail_reports.report import make
-from eigenfail_services.store import Store
+from eigenfail_services.store.store import Store
 
 MODULE = "sheep_sections"
 NOW_MS = 1_760_000_000_000

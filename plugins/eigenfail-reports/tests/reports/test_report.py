@@ -22,7 +22,7 @@ from eigenfail_reports.report import Made, make
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.summary import find_safety, find_summary
 from eigenfail_services.comparison.seeds import find_spreads
-from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.store import Store, open_store
 
 NOW_MS = 1_760_000_000_000
 

@@ -15,7 +15,7 @@ from stage import Stage
 from started import Services, wait_until
 
 from eigenfail.values.campaign import CampaignState
-from eigenfail_services.store import open_store
+from eigenfail_services.store.store import open_store
 from eigenfail_webhooks.addresses import VARIABLE
 from eigenfail_webhooks.signatures import make_secret, verify_message
 from eigenfail_webhooks.store import WebhookStore

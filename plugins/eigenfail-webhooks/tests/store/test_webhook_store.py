@@ -20,10 +20,10 @@ from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.analysis import AnalysisSettings, AnalysisState
 from eigenfail.values.campaign import CampaignState
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.events import EventSubject, append_event
+from eigenfail_services.store.store import Store, open_store
 from eigenfail_webhooks import messages, values
 from eigenfail_webhooks import outbox as outboxes
 from eigenfail_webhooks.messages import queue_messages

@@ -11,9 +11,9 @@ from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
 from eigenfail.client import Client
 from eigenfail_services.campaigns import analysis_jobs
-from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import WAIT_S, Database
 from eigenfail_services.store.sqlite import SqliteMemory
+from eigenfail_services.store.store import Store, open_store
 
 SUITE = """
 name = "trio"
