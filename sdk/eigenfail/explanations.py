@@ -87,6 +87,23 @@ def tell_story(episode: ExplainedEpisode) -> list[str]:
     return [f"{text}." for _, text in sorted(happened, key=lambda found: found.time_s)]
 
 
+_WITHOUT_NOISE = {
+    Outcome.COLLISION: "fails as well: noise is not what makes it fail",
+    Outcome.VIOLATION: "fails as well: noise is not what makes it fail",
+    Outcome.SAFE: "does not fail",
+    Outcome.ERRORED: "does not end, so that the cause is open",
+}
+
+
+def _compare_undisturbed(episode: ExplainedEpisode) -> Iterator[_Event]:
+    undisturbed = episode.undisturbed
+    if undisturbed is not None:
+        end = _END_DESCRIPTIONS[undisturbed.outcome](ExplainedEpisode(undisturbed, ()))
+        verdict = _WITHOUT_NOISE[undisturbed.outcome]
+        # It is told first: whoever reads of causes must know whether noise is one.
+        yield _Event(-inf, f"Without noise the same episode {verdict}. {end}")
+
+
 def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
     scene = episode.result.scene
     for place, (before, now) in enumerate(pairwise(episode.steps), 1):
@@ -219,6 +236,7 @@ _END_DESCRIPTIONS: dict[Outcome, Callable[[ExplainedEpisode], str]] = {
 
 
 _EVENT_FINDERS = (
+    _compare_undisturbed,
     _find_lost_tracks,
     _find_blindness,
     _find_misjudged_speeds,
@@ -310,6 +328,7 @@ def build_explanation(
         note=f"The planner '{planner}' provides no explanation: {NO_ACCOUNT}" if silent else "",
         steps=window.select(explained.steps),
         story=tuple(tell_story(explained)),
+        undisturbed=explained.undisturbed and explained.undisturbed.outcome,
     )
 
 
@@ -345,7 +364,8 @@ def describe_unsteadiness(how: str) -> str:
     )
 
 
-TIMEOUT_S = 60.0
+TIMEOUT_S = 110.0
+"""Enough for an episode with and without noise; the proxy of `deploy/nginx` waits for 120 s."""
 
 
 class _ExplanationQuestion(msgspec.Struct, frozen=True, eq=False, tag=True):

@@ -14,10 +14,11 @@ from eigenfail.process_state import ProcessState
 from eigenfail.values import episode
 from eigenfail.values.arrays import encode_array
 from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import SCENARIO, split_name
 from eigenfail.values.operations import DRAWN_AGAIN
 from eigenfail.values.proof import ExplainedEpisode, Replayed
 from eigenfail.values.records import EpisodeRow
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels, world_of
 
 MODULE = "eigenfail.explanations"
 """The module that answers a `ReplayQuestion` in a process of its own."""
@@ -168,7 +169,7 @@ def run_once(spec: CampaignSpec, task: episode.EpisodeTask) -> episode.EpisodeRe
 def explain_episode(
     spec: CampaignSpec, stored: episode.EpisodeResult
 ) -> tuple[Replayed, ExplainedEpisode]:
-    """Run an episode again with its stored noise, with the planner's account of each step.
+    """Run an episode again as `explain_stored` does, and compare it with the stored one.
 
     Raises:
         InvalidValue: the episode has no course to explain.
@@ -178,10 +179,37 @@ def explain_episode(
     if stored.fault is not None and stored.fault.kind == INFRASTRUCTURE:
         raise InvalidValue("episode", f"It has no course to explain: {stored.fault.message}")
     plugins.keep_import_effects()
-    run = partial(load_here(plugins.EXPLAINERS), spec.setup(), make_replay_task(stored))
-    explained: ExplainedEpisode = run()
+    explain = partial(load_here(plugins.EXPLAINERS), spec.setup())
+    explained = explain_stored(explain, stored, list_channels(spec))
     replayed = compare_results(stored, explained.result)
-    return _find_unsteadiness(lambda: run().result, explained.result, replayed), explained
+
+    def run_again() -> episode.EpisodeResult:
+        again: ExplainedEpisode = explain(make_replay_task(stored))
+        return again.result
+
+    return _find_unsteadiness(run_again, explained.result, replayed), explained
+
+
+def explain_stored(
+    explain: Callable[[episode.EpisodeTask], ExplainedEpisode],
+    stored: episode.EpisodeResult,
+    channels: Sequence[str],
+) -> ExplainedEpisode:
+    """Run a stored episode again with the planner's account, and a failure also without noise.
+
+    A planner that fails without noise, too, would otherwise look like one whose failures a search
+    has found.
+
+    Args:
+        explain: runs a task of the episode's campaign; see `Explainer`.
+        stored: the episode.
+        channels: names of the channels of its noise.
+    """
+    explained = explain(make_replay_task(stored))
+    if not explained.result.is_failure:
+        return explained
+    undisturbed = explain(make_undisturbed_task(stored, channels)).result
+    return msgspec.structs.replace(explained, undisturbed=undisturbed)
 
 
 def _find_unsteadiness(
@@ -234,6 +262,19 @@ def _find_first_difference(one: episode.EpisodeResult, other: episode.EpisodeRes
 def make_replay_task(stored: episode.EpisodeResult) -> episode.EpisodeTask:
     """Return the task that runs a stored episode with its noise."""
     return episode.EpisodeTask(stored.index, stored.seed, episode.TrajectorySource(stored.noise.z))
+
+
+def make_undisturbed_task(
+    stored: episode.EpisodeResult, channels: Sequence[str]
+) -> episode.EpisodeTask:
+    """Return the task that runs a stored episode without noise, in its scenario.
+
+    Channels of the scenario keep their noise: it is what chose the scenario.
+    """
+    is_kept = np.array([split_name(name).target == SCENARIO for name in channels])
+    # After its one step a trajectory injects nothing.
+    source = episode.TrajectorySource(np.where(is_kept, stored.noise.z[:1], np.float32(0.0)))
+    return episode.EpisodeTask(stored.index, stored.seed, source)
 
 
 def compare_results(stored: episode.EpisodeResult, again: episode.EpisodeResult) -> Replayed:

@@ -3,17 +3,27 @@
 from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from eigenfail import plugins
 from eigenfail.cli import episode
-from eigenfail.explanations import describe_replay
-from eigenfail.replays import explain_episode, replay_episode, run_once
+from eigenfail.explanations import WHOLE, build_explanation, describe_replay, tell_story
+from eigenfail.replays import (
+    explain_episode,
+    make_undisturbed_task,
+    replay_episode,
+    run_once,
+)
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.episode import EpisodeTask, PriorSource
+from eigenfail.values.channels import Channel
+from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource, TrajectorySource
 from eigenfail.values.scene import Control
 from eigenfail.versions import fingerprint_plugins, versions
+from eigenfail.worlds import list_channels
+from eigenfail_services.analysis.words import Clock, describe_account
 
 SPEC = CampaignSpec(
     name="t",
@@ -95,3 +105,84 @@ def test_replay_by_the_code_of_the_campaign_lists_no_difference():
     worker.versions["code of eigenfail_workers"] = "older"
     (found,) = episode._list_differences(client, spec, 1, 0)
     assert found.startswith("code of eigenfail_workers older then, ")
+
+
+class Blind:
+    """Never brakes, whatever it perceives."""
+
+    Settings = msgspec.defstruct("Settings", [], frozen=True)
+
+    def __init__(self, settings):
+        pass
+
+    def reset(self, mission):
+        pass
+
+    def act(self, perception):
+        return Control(0.0, 0.0)
+
+
+class Trusting(Blind):
+    """Brakes hard for a vehicle that it perceives less than 100 m ahead."""
+
+    def act(self, perception):
+        near = any(other.x_m - perception.ego.x_m < 100.0 for other in perception.others)
+        return Control(-6.0 if near else 0.0, 0.0)
+
+
+def push(z, steps=100):
+    """Noise of the same value in each step, as an episode's result has it."""
+    return EpisodeTask(0, 7, TrajectorySource(np.full((steps, 2), z, np.float32)))
+
+
+def test_planner_that_fails_without_noise_is_told_apart_from_one_that_noise_misleads(planner):
+    planner(Blind)
+    failed = run_once(SPEC, TASK)
+    assert failed.is_failure
+    _, explained = explain_episode(SPEC, failed)
+    assert explained.undisturbed.is_failure
+    assert not explained.undisturbed.noise.z.any()
+    story = build_explanation("1/0", "mine", replay_episode(SPEC, failed), explained, WHOLE)
+    assert story.undisturbed is Outcome.COLLISION
+    assert story.story[0].startswith("Without noise the same episode fails as well: noise is not")
+    assert describe_account(explained, Clock(failed.steps, 0.1, "impact")).startswith(
+        "without noise it fails as well"
+    )
+
+
+def test_failure_that_noise_causes_does_not_happen_without_it(planner):
+    planner(Trusting)
+    failed = run_once(SPEC, push(100.0))
+    assert failed.is_failure
+    _, explained = explain_episode(SPEC, failed)
+    assert explained.undisturbed.outcome is Outcome.SAFE
+    story = tell_story(explained)
+    assert story[0].startswith("Without noise the same episode does not fail. No collision")
+    assert describe_account(explained, Clock(failed.steps, 0.1, "impact")) == ""
+
+
+def test_safe_episode_is_not_run_a_second_time(planner):
+    planner(Trusting)
+    safe = run_once(SPEC, TASK)
+    assert not safe.is_failure
+    _, explained = explain_episode(SPEC, safe)
+    assert explained.undisturbed is None
+
+
+def test_episode_without_noise_stays_in_the_scenario_that_its_noise_chose():
+    searched = replace(
+        SPEC,
+        planner="idm",
+        scenario_parameters={"distance_m": {"uniform": [52.0, 70.0]}},
+        disturbance=DisturbanceModel(
+            channels=tuple(map(Channel, ("scenario.distance_m", "longitudinal", "lateral")))
+        ),
+    )
+    z = np.full((100, 3), 1.5, np.float32)
+    stored = run_once(searched, EpisodeTask(0, 7, TrajectorySource(z)))
+    task = make_undisturbed_task(stored, list_channels(searched))
+    calm = run_once(searched, task)
+    assert calm.scene.vehicles[0].tolist() == stored.scene.vehicles[0].tolist()
+    kept = list_channels(searched).index("scenario.distance_m")
+    assert calm.noise.z[0, kept] == stored.noise.z[0, kept]
+    assert not np.delete(calm.noise.z, kept, axis=1).any()

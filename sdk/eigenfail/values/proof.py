@@ -213,11 +213,14 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
         result: what came of it, as of any episode.
         steps: steps in which the planner decided; without the true state if the episode errored.
         struck: number of the vehicle that the ego struck; None without a collision.
+        undisturbed: result of the same episode without noise, which tells whether noise is the
+            cause of a failure; None for an episode that does not fail.
     """
 
     result: EpisodeResult
     steps: tuple[ExplainedStep, ...]
     struck: int | None = None
+    undisturbed: EpisodeResult | None = None
 
 
 class Replayed(msgspec.Struct, frozen=True):
@@ -251,6 +254,8 @@ class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
         steps: steps that were requested; the story covers all steps.
         story: what happened, a sentence for each thing of note, in the order of time.
         scene: scene of the replay, where the stored episode kept none and the replay is the same.
+        undisturbed: outcome of the same episode without noise: if it fails as well, noise is not
+            the cause. None for an episode that does not fail.
     """
 
     episode: str
@@ -261,3 +266,4 @@ class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
     steps: tuple[ExplainedStep, ...]
     story: tuple[str, ...]
     scene: Scene | None = None
+    undisturbed: Outcome | None = None

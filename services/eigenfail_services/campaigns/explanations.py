@@ -5,6 +5,7 @@ import io
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from functools import partial
 from hashlib import sha256
 from threading import Lock, Thread
 
@@ -15,6 +16,7 @@ from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
 from eigenfail.process_state import ProcessState
+from eigenfail.replays import explain_stored
 from eigenfail.values import episode
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.campaign import Campaign
@@ -191,15 +193,19 @@ def _describe_mode(
     end = "impact" if medoid.outcome is episode.Outcome.COLLISION else "end"
     clock = Clock(medoid.steps, step_s, f"its medoid's {end}")
     acted = clock._replace(event=f"the {end}")
-    account = _describe_account(spec.setup(), medoid, acted, until_s)
-    text = f"{shown}; {account}" if account else f"{shown}."
     channels = list_channels(spec)
+    account = _describe_account(spec.setup(), medoid, channels, acted, until_s)
+    text = f"{shown}; {account}" if account else f"{shown}."
     words = describe(mode.eigenfailure, clock, channels, spec.disturbance.noise_shape)
     return f"{words} {text}"
 
 
 def _describe_account(
-    setup: episode.EpisodeSetup, medoid: episode.EpisodeResult, clock: Clock, until_s: float
+    setup: episode.EpisodeSetup,
+    medoid: episode.EpisodeResult,
+    channels: tuple[str, ...],
+    clock: Clock,
+    until_s: float,
 ) -> str:
     """Describe what the planner did in an episode; empty without an account in time.
 
@@ -209,13 +215,14 @@ def _describe_account(
     Args:
         setup: setup of the episode's campaign.
         medoid: the episode.
+        channels: names of the channels of its noise.
         clock: its times.
         until_s: when `time.monotonic` says so, the planner is not waited for. [s]
     """
     accounts: list[str] = []
 
     def ask() -> None:
-        explained = _explain_episode(setup, medoid)
+        explained = _explain_episode(setup, medoid, channels)
         if explained is not None and explained.result.digest() == medoid.digest():
             accounts.append(describe_account(explained, clock))
 
@@ -233,16 +240,15 @@ def _describe_account(
 
 
 def _explain_episode(
-    setup: episode.EpisodeSetup, stored: episode.EpisodeResult
+    setup: episode.EpisodeSetup, stored: episode.EpisodeResult, channels: tuple[str, ...]
 ) -> ExplainedEpisode | None:
     """Run an episode again with the planner's account.
 
     None where workers are not installed, where there is no planner to be asked, and where it fails
     at the question.
     """
-    task = episode.EpisodeTask(stored.index, stored.seed, episode.TrajectorySource(stored.noise.z))
     try:
         explainer: Explainer = plugins.load(plugins.EXPLAINERS, "default")
-        return explainer(setup, task)
+        return explain_stored(partial(explainer, setup), stored, channels)
     except EigenfailError:
         return None
