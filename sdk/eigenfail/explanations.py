@@ -328,7 +328,7 @@ def build_explanation(
         note=f"The planner '{planner}' provides no explanation: {NO_ACCOUNT}" if silent else "",
         steps=window.select(explained.steps),
         story=tuple(tell_story(explained)),
-        undisturbed=explained.undisturbed and explained.undisturbed.outcome,
+        undisturbed=explained.undisturbed.outcome if explained.undisturbed else None,
     )
 
 
