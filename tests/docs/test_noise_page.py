@@ -67,5 +67,5 @@ def test_it_tells_every_quantity_with_its_defaults(noise_page):
         assert (stated[name][2] == "yes") == (EGO in quantity.targets), name
     assert f"default {GHOST_AHEAD_M:g}" in noise_page.text
     chain = Markov()
-    assert f"`rate`\n(default {chain.rate:g}, at most 0.5)" in noise_page.text
-    assert f"`mean_steps`\n(default {chain.mean_steps:g})" in noise_page.text
+    assert f"`rate` (default {chain.rate:g}, at most 0.5)" in noise_page.text
+    assert f"`mean_steps` (default {chain.mean_steps:g})" in noise_page.text
