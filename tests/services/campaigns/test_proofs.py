@@ -206,6 +206,7 @@ def test_a_planner_that_never_answers_is_asked_once_and_not_waited_for(house, mo
     def ask(_setup, task):
         asked.append(task.index)
         forever.wait(5.0)
+        raise InvalidValue("episode", "nothing to tell")
 
     monkeypatch.setattr(words_module, "PATIENCE_S", 0.2)
     monkeypatch.setattr(words_module.plugins, "load", lambda *_: ask)
