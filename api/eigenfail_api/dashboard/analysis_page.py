@@ -24,34 +24,32 @@ from eigenfail.values.episode import ERRORED, Outcome
 from eigenfail.values.proof import Proof, ProvenMode, ProvenScenario, Reproduction
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.dashboard import rendering
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.dashboard.episodes_page import describe_settings, list_analysis_choices
-from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, OUTCOME_BADGES, Badge, Tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
 
-Tiles = tuple[tuple[str, Tile], ...]
 
-
-def make_diversity_tiles(found: Diversity) -> Tiles:
+def make_diversity_tiles(found: Diversity) -> rendering.Tiles:
     """Return the tiles of how failures spread over modes that are distinct, each with its basis."""
     of_all = (f"of {figures.count_noun(found.failures, 'failure')}",)
     modes = f"of {figures.count_noun(found.modes, 'cluster')}, small ones included"
     return (
-        ("Effective modes", Tile(figures.format_number(found.effective_modes), (modes,))),
-        ("Largest mode", Tile(figures.format_share(found.largest_share), of_all)),
+        ("Effective modes", rendering.Tile(found.effective_modes, (modes,))),
+        ("Largest mode", rendering.Tile(found.largest_share, of_all, unit="share")),
     )
 
 
-def make_coverage_tile(found: Diversity) -> Tile:
+def make_coverage_tile(found: Diversity) -> rendering.Tile:
     """Return the tile of the share of the campaign after which no new mode was found."""
     seen = ", ".join(map(str, found.coverage))
     tenths = 1 + sum(each < found.modes for each in found.coverage)
-    return Tile(f"{10 * tenths} %", (f"of those analysed, by tenths: {seen}",))
+    return rendering.Tile(f"{10 * tenths} %", (f"of those analysed, by tenths: {seen}",))
 
 
-def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tiles:
+def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> rendering.Tiles:
     """Return the tiles of an analysis's figures, each with its basis.
 
     Args:
@@ -65,35 +63,35 @@ def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tile
     episodes = sum(source.episodes for source in result.sources)
     of_all = (f"of {figures.count_noun(episodes, 'episode')}",) if episodes else ()
     components = figures.count_noun(len(result.explained), "component")
-    explained = figures.format_share(float(np.sum(result.explained)))
+    explained = float(np.sum(result.explained))
     tiles = [
-        ("Failures analysed", Tile(figures.format_count(len(result.episodes)), of_all)),
-        ("Grouped by", Tile(result.features, (analyses.describe_grouping(result),))),
+        ("Failures analysed", rendering.Tile(len(result.episodes), of_all)),
+        ("Grouped by", rendering.Tile(result.features, (analyses.describe_grouping(result),))),
         ("Adjusted Rand index", make_stability_tile(result)),
-        ("Variance explained", Tile(explained, (f"by {components}",))),
+        ("Variance explained", rendering.Tile(explained, (f"by {components}",), unit="share")),
     ]
     if result.outliers:
         nearest = ("assigned to the mode of their nearest neighbour",)
-        tiles.append(("Near no mode", Tile(figures.format_share(result.outliers), nearest)))
+        tiles.append(("Near no mode", rendering.Tile(result.outliers, nearest, unit="share")))
     if of_modes:
         tiles += make_diversity_tiles(of_modes)
     if found:
         of_prior = ("between failures; p(x) has 1",)
-        tiles.append(("Spread [sigma]", Tile(figures.format_number(found.spread), of_prior)))
+        tiles.append(("Spread [sigma]", rendering.Tile(found.spread, of_prior)))
     if of_modes and is_whole:
         tiles.append(("All modes seen after", make_coverage_tile(of_modes)))
     return tuple(tiles)
 
 
-def make_stability_tile(result: AnalysisResult) -> Tile:
+def make_stability_tile(result: AnalysisResult) -> rendering.Tile:
     """Return the tile of the modes' stability when failures are resampled."""
     found = result.stability
     if found is None:
         why = "no bootstrap" if len(result.modes) > 1 else "a single group"
-        return Tile(figures.UNKNOWN, (f"not tried: {why}",))
+        return rendering.Tile(None, (f"not tried: {why}",))
     draws = f"{found.resamples} draws of {figures.count_noun(found.rows, 'failure')}"
     notes = (figures.format_interval(found.interval), draws, "1: the same groups; 0: chance")
-    return Tile(figures.format_number(found.median), notes)
+    return rendering.Tile(found.median, notes)
 
 
 def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
@@ -132,7 +130,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     medoid_campaign: int
     clip: str
     strength: float
-    proof: Tiles
+    proof: rendering.Tiles
 
 
 def make_analysis_view(
@@ -217,7 +215,7 @@ def describe_mode_card(result: AnalysisResult, place: int) -> str:
     return figures.put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
-def make_proof_tiles(proven: ProvenMode, unit: str) -> Tiles:
+def make_proof_tiles(proven: ProvenMode, unit: str) -> rendering.Tiles:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
     tiles = [
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
@@ -225,7 +223,7 @@ def make_proof_tiles(proven: ProvenMode, unit: str) -> Tiles:
     ]
     if nearest := proven.nearest:
         place, _, words = nearest.words.partition(": ")
-        tile = Tile(f"t = {figures.format_number(nearest.t)}", (words or place,))
+        tile = rendering.Tile(f"t = {figures.format_number(nearest.t)}", (words or place,))
         tiles.append(("Nearest failing point", tile))
     return tuple(tiles)
 
@@ -245,7 +243,7 @@ def describe_peak(mode: FailureMode, channels: Sequence[str]) -> str:
 
 
 CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
-NOT_TRIED = Tile(figures.UNKNOWN, ("no replay completed",))
+NOT_TRIED = rendering.Tile(None, ("no replay completed",))
 
 
 def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
@@ -267,11 +265,11 @@ def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
         "tallies": [(name, describe_reproduction(each, unit)) for name, each in tallies.items()],
         "describe": partial(describe_reproduction, unit=unit),
         "badge_of": make_scenario_badge,
-        "outcomes": OUTCOME_BADGES,
+        "outcomes": rendering.OUTCOME_BADGES,
     }
 
 
-def describe_reproduction(found: Reproduction, unit: str) -> Tile:
+def describe_reproduction(found: Reproduction, unit: str) -> rendering.Tile:
     """Return how many replays failed again, of those tried, and how near they came if none did.
 
     Args:
@@ -285,15 +283,15 @@ def describe_reproduction(found: Reproduction, unit: str) -> Tile:
         filter(None, (figures.format_number(found.smallest_robustness_m), unit))
     )
     lines = () if rate.k else (f"smallest robustness {nearest}",)
-    return Tile(f"{rate.k} of {rate.n}", lines)
+    return rendering.Tile(f"{rate.k} of {rate.n}", lines)
 
 
-def make_scenario_badge(scenario: ProvenScenario) -> Badge:
+def make_scenario_badge(scenario: ProvenScenario) -> rendering.Badge:
     """Return the badge of the campaign that replays: errored if every replay of it errored."""
     ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
     is_errored = bool(ended) and all(outcome is Outcome.ERRORED for outcome in ended)
     is_done = scenario.state is CampaignState.DONE
-    return CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
+    return rendering.CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -308,4 +306,4 @@ def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     others = seen.settings.campaigns if seen.result else ()
     campaigns = list(map(store.campaigns.get, (seen.campaign, *others)))
     modes = store.analyses.modes(analysis)
-    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))
+    return rendering.page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from tests.support.chart_tables import read_headings, read_rows
+from tests.support.chart_tables import read_data, read_headings, read_rows
 
 from eigenfail.values.analysis import Diversity, FailureMode
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
@@ -75,8 +75,9 @@ def blocks(*counts):
 def test_the_curve_draws_the_course():
     chart = make_curve_chart(blocks(0, 53))
     assert chart.title == "Learning curve"
-    assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
-    assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
+    data = read_data(chart)
+    assert (data["middle"], data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
+    assert data["low"][1] < 53.0 < data["high"][1]
     assert read_rows(chart.table)[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.96] %", "–", "4.50")
     assert read_rows(chart.table)[1][-2:] == ("−2.50", "4.50")
     assert len(read_headings(chart.table)) == len(read_rows(chart.table)[0])
