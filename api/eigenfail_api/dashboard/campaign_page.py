@@ -25,7 +25,7 @@ from eigenfail.values.summary import MeanTime, Summary
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
 from eigenfail.wire.http import PREFIX
-from eigenfail_api.dashboard import episodes_page, rendering
+from eigenfail_api.dashboard import analysis_page, episodes_page, rendering
 from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     PriorReference,
@@ -321,11 +321,11 @@ def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None
         "charts": charts if rows else (),
         "failures": episodes_page.make_episode_list(seen, listed, order),
         "analyses": tuple(
-            (each, ", ".join(episodes_page.describe_settings(each.settings, channels)))
+            (each, ", ".join(analysis_page.describe_settings(each.settings, channels)))
             for each in analyses
         ),
         "asked": AnalysisSettings(),
-        "choices": episodes_page.list_analysis_choices(seen.spec),
+        "choices": analysis_page.list_analysis_choices(seen.spec),
         "events": tuple(store.events.latest(EVENTS_SHOWN, seen.id)),
         "times": list_times(seen),
         "priorities": [each for each in Priority if is_open and each is not seen.spec.priority],

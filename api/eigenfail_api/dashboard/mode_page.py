@@ -27,7 +27,7 @@ from eigenfail_api.access.change_details import record_form
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
-from eigenfail_api.dashboard.rendering import Tile, Tiles, page
+from eigenfail_api.dashboard.rendering import NamedTile, Tile, Tiles, page
 from eigenfail_api.dashboard.scene import describe_first, make_overlay_chart
 from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_form
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
@@ -89,10 +89,9 @@ def list_mode_tiles(card: ModeCard, mode: Mode, campaigns: list[Campaign], analy
     # have more failures.
     more = f"{figures.count_noun(skipped, 'failure')} not analysed: an upper bound"
     share = f"{figures.format_share(card.share)} of those analysed"
-    tiles = [("Failures", Tile(mode.failures, (share,)))]
+    tiles: list[NamedTile] = [("Failures", Tile(mode.failures, (share,)))]
     if card.mode.probability:
-        value, *notes = format_cell(card.mode.probability).lines
-        tiles.append(("Probability under p(x)", Tile(value, tuple(notes))))
+        tiles.append(("Probability under p(x)", format_cell(card.mode.probability)))
     cost = Tile(total_usd / mode.failures, (basis, more) if skipped else (basis,), unit="USD")
     tiles += [
         ("Cost per failure of the mode", cost),

@@ -21,7 +21,13 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from eigenfail import __version__, plugins
 from eigenfail.methods import traits_of
 from eigenfail.presentation import figures
-from eigenfail.presentation.tables import Cell, TableColumn, format_cell, format_cost
+from eigenfail.presentation.tables import (
+    Cell,
+    FormattedCell,
+    TableColumn,
+    format_cell,
+    format_cost,
+)
 from eigenfail.values.analysis import AnalysisState
 from eigenfail.values.campaign import Campaign, CampaignState, state_word
 from eigenfail.values.episode import ERRORED, Outcome
@@ -342,7 +348,8 @@ class Tile(msgspec.Struct, frozen=True):
         return text if self.unit in {"", "share"} else figures.put_unit(text, self.unit)
 
 
-Tiles = tuple[tuple[str, Tile], ...]
+NamedTile = tuple[str, Tile | FormattedCell]
+Tiles = tuple[NamedTile, ...]
 
 
 def describe_remaining(campaign: Campaign, summary: Summary) -> str:
