@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from msgspec.structs import replace
 
 from eigenfail.presentation.figures import UNKNOWN, format_number, format_share
 from eigenfail.presentation.tables import Table, read_number, read_text
@@ -231,18 +230,7 @@ def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
         "By interval; single steps are in the API.",
     )
     components = charts.ChannelPlot(
-        result.channels,
-        result.influence,
-        draw_components,
-        lambda _: table,
-    ).make_chart(
-        "training-components-chart",
-        "training",
-        "Components during the search",
-        "The first components of the failures in each tenth, turned towards the components of all "
-        "failures; the legend shows the others. Likeness is |cosine| with the component of all "
-        "failures: 1 is the same.",
-        GREATEST,
+        result.channels, result.influence, draw_components, lambda _: table
     )
     return (
         means.make_chart(
@@ -253,7 +241,15 @@ def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
             "the first tenth on top.",
             GREATEST,
         ),
-        replace(components, every=None),
+        components.make_chart(
+            "training-components-chart",
+            "training",
+            "Components during the search",
+            "The first components of the failures in each tenth, turned towards the components of "
+            "all failures; the legend shows the others. Likeness is |cosine| with the component of "
+            "all failures: 1 is the same.",
+            GREATEST,
+        ),
     )
 
 

@@ -89,8 +89,8 @@ class ChannelPlot(NamedTuple):
 
     def make_chart(self, name: str, kind: str, title: str, caption: str, why: str) -> Chart:
         """Return the chart; its caption says why some channels are shown first."""
-        shown = pick_channels(self.weights)
-        ranked, every = shown, None
+        shown = ranked = pick_channels(self.weights)
+        table = every = self.tabulate(shown)
         if len(shown) < len(self.channels):
             ranked = rank_channels(self.weights)
             every = self.tabulate(ranked)
@@ -102,8 +102,8 @@ class ChannelPlot(NamedTuple):
             title=title,
             caption=caption,
             data=self.draw(ranked),
-            table=self.tabulate(shown),
-            every=every,
+            table=table,
+            every=None if every is table else every,
         )
 
 
