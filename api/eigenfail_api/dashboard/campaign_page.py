@@ -184,21 +184,20 @@ def make_tiles(
     if not traits_of(campaign.spec.method).draws_from_prior:
         # A search chose these episodes. The note says that their failures are not a random sample.
         failures = msgspec.structs.replace(failures, notes=(*failures.notes, SEARCHED))
-    tiles = [("Cost per failure", rendering.make_cost_tile(summary)), ("Failures", failures)]
-    if summary.estimate:
-        value, *notes = format_cell(summary.estimate).lines
-        tiles.append(("Failure probability", rendering.Tile(value, tuple(notes))))
+    estimate = summary.estimate
     lasted = f"in {figures.format_duration(campaign.active_s)}"
     hours = figures.format_number(summary.cost.instance_hours)
     price = f"{hours} h × {figures.format_number(campaign.spec.price_usd_per_hour)} USD/h"
     spent = "Total cost" if campaign.state in FINAL_STATES else "Cost so far"
-    tiles += [
+    return (
+        ("Cost per failure", rendering.make_cost_tile(summary)),
+        ("Failures", failures),
+        *((("Failure probability", format_cell(estimate)),) if estimate else ()),
         ("log p per step [nats]", make_likelihood_tile(campaign, summary, reference)),
         ("Mean severity [m²/s²]", rendering.Tile(summary.mean_severity, ("of the failures",))),
         ("Episodes/s", rendering.Tile(summary.episodes_per_s, (lasted,))),
         (spent, rendering.Tile(summary.cost.total_usd, (price,), unit="USD")),
-    ]
-    return tuple(tiles)
+    )
 
 
 def make_likelihood_tile(

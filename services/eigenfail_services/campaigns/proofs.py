@@ -481,7 +481,7 @@ def _make_replay(
     name = f"{analysed.name}: replay of analysis {analysis.id}" + (differing and f", {differing}")
     settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
     # Where nothing is drawn, all modes share one world, and none need be named.
-    some = {"modes": [place + 1 for place in home.modes]} if home.drawn else {}
+    some = {"modes": [place + 1 for place in home.modes]} if validation.list_drawn(analysed) else {}
     return msgspec.structs.replace(
         spec,
         name=name[-LONGEST_NAME:],
