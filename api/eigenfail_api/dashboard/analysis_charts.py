@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from msgspec.structs import replace
 
 from eigenfail.presentation.figures import UNKNOWN, format_number, format_share
 from eigenfail.presentation.tables import Table, read_number, read_text
@@ -49,11 +48,8 @@ def make_behaviour_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
         data={
             "noun": noun,
             "event": event,
-            "times": list_floats(behaviour.times_s),
-            "modes": [
-                {"mean": list_floats(mode.mean), "members": charts.round_rows(mode.members)}
-                for mode in behaviour.modes
-            ],
+            "times": behaviour.times_s,
+            "modes": [{"mean": mode.mean, "members": mode.members} for mode in behaviour.modes],
         },
         table=charts.list_rows(
             (f"Time from the {event} [s]", *_number_modes(result, len(means))),
@@ -76,12 +72,10 @@ def make_eigenfailure_chart(result: AnalysisResult) -> charts.Chart:
         return {
             "noun": result.cluster_noun,
             "channels": {
-                channels[way]: [list_floats(mode.eigenfailure[:, way]) for mode in result.modes]
-                for way in ways
+                channels[way]: [mode.eigenfailure[:, way] for mode in result.modes] for way in ways
             },
             "bands": {
-                channels[way]: [[list_floats(side[:, way]) for side in band] for band in bands]
-                for way in ways
+                channels[way]: [[side[:, way] for side in band] for band in bands] for way in ways
             },
         }
 
@@ -123,9 +117,9 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> charts.Chart:
             "noun": result.cluster_noun,
             "episode": [names[row] for row in chosen],
             "mode": [result.labels[row] for row in chosen],
-            "x": list_floats(x[chosen]),
-            "y": list_floats(y[chosen]),
-            "centres": [list_floats(mode.centre[[0, second]]) for mode in result.modes],
+            "x": x[chosen],
+            "y": y[chosen],
+            "centres": [mode.centre[[0, second]] for mode in result.modes],
         },
         table=charts.tabulate_first(
             chosen,
@@ -147,8 +141,8 @@ def make_explained_chart(result: AnalysisResult) -> charts.Chart:
         title="Explained variance",
         caption="Share of the variance by component, and cumulative.",
         data={
-            "share": list_floats(100.0 * result.explained),
-            "cumulated": list_floats(100.0 * cumulated),
+            "share": 100.0 * result.explained,
+            "cumulated": 100.0 * cumulated,
         },
         table=charts.list_rows(
             ("Component", "Share", "Cumulated"),
@@ -163,7 +157,7 @@ def make_influence_chart(result: AnalysisResult) -> charts.Chart:
 
     def draw(ways: Sequence[int]) -> dict[str, object]:
         return {
-            "channels": {channels[way]: list_floats(influence[:, way]) for way in ways},
+            "channels": {channels[way]: influence[:, way] for way in ways},
             "moments": list(map(draw_moment, result.moments)),
         }
 
@@ -196,11 +190,6 @@ def pick_evenly(count: int, most: int) -> list[int]:
     taken = min(count, most)
     # Integers alone: positions are distinct, and the same on every machine.
     return [place * count // taken for place in range(taken)] if taken else []
-
-
-def list_floats(values: Iterable[np.floating]) -> list[float | None]:
-    """Return an array as plain floats; None for values that are not finite."""
-    return charts.round_values(float(value) for value in values)
 
 
 MOST_STEPS = 200
@@ -241,18 +230,7 @@ def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
         "By interval; single steps are in the API.",
     )
     components = charts.ChannelPlot(
-        result.channels,
-        result.influence,
-        draw_components,
-        lambda _: table,
-    ).make_chart(
-        "training-components-chart",
-        "training",
-        "Components during the search",
-        "The first components of the failures in each tenth, turned towards the components of all "
-        "failures; the legend shows the others. Likeness is |cosine| with the component of all "
-        "failures: 1 is the same.",
-        GREATEST,
+        result.channels, result.influence, draw_components, lambda _: table
     )
     return (
         means.make_chart(
@@ -263,7 +241,15 @@ def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
             "the first tenth on top.",
             GREATEST,
         ),
-        replace(components, every=None),
+        components.make_chart(
+            "training-components-chart",
+            "training",
+            "Components during the search",
+            "The first components of the failures in each tenth, turned towards the components of "
+            "all failures; the legend shows the others. Likeness is |cosine| with the component of "
+            "all failures: 1 is the same.",
+            GREATEST,
+        ),
     )
 
 

@@ -1,6 +1,6 @@
 """The page of an analysis: its modes, how sure they are, and when noise matters."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import msgspec
@@ -10,48 +10,89 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.contracts.recording import ANIMATION, list_formats
 from eigenfail.presentation import analyses, figures
-from eigenfail.presentation.tables import Table
+from eigenfail.presentation.tables import FormattedCell, Table
 from eigenfail.values.analysis import (
+    JOINT,
     Analysis,
     AnalysisResult,
+    AnalysisSettings,
     Diversity,
     FailureMode,
     Mode,
-    propose_mode_names,
 )
 from eigenfail.values.campaign import Campaign, CampaignState
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import ERRORED, Outcome
-from eigenfail.values.proof import Proof, ProvenMode, ProvenScenario, Reproduction
+from eigenfail.values.proof import Proof, ProvenMode, ProvenScenario
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.dashboard import rendering
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
-from eigenfail_api.dashboard.episodes_page import describe_settings, list_analysis_choices
-from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, OUTCOME_BADGES, Badge, Tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
 
-Tiles = tuple[tuple[str, Tile], ...]
+
+class AnalysisChoices(msgspec.Struct, frozen=True):
+    """The choices for analyses of a campaign.
+
+    Attributes:
+        label: the label of the choice of channels.
+        options: the channels, each with its words.
+        alignments: where failures may be aligned, each with its words.
+    """
+
+    label: str
+    options: Mapping[str, str]
+    alignments: Mapping[str, str]
 
 
-def make_diversity_tiles(found: Diversity) -> Tiles:
+def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
+    """Return the choices for analyses of a campaign."""
+    world = world_of(spec.simulator)
+    channels = world.channels(spec)
+    words = analyses.choose_channel_words(channels)
+    axes = {JOINT: words.together, **{channel: f"{channel} only" for channel in channels}}
+    collides = world.has_road and spec.fails_by_collision_alone
+    alignments = {"start": "start"} | ({"collision": "collision"} if collides else {})
+    return AnalysisChoices(words.several.capitalize(), axes, alignments)
+
+
+def describe_settings(settings: AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
+    """Yield how failures are analysed, in words."""
+    words = analyses.choose_channel_words(channels)
+    together = f"{words.together} {words.several}"
+    yield f"aligned at {settings.align}"
+    yield together if settings.axes == JOINT else f"the {settings.axes} {words.one} alone"
+    yield figures.count_noun(settings.components, "component")
+    yield rendering.CLUSTERERS[settings.clusterer]
+    yield "modes: auto" if settings.clusters is None else f"modes: {settings.clusters}"
+    yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
+    yield f"failures: {settings.failures}"
+    yield f"eigenfailures: {settings.centre}"
+    yield f"features: {settings.features}"
+    if settings.campaigns:
+        yield f"with campaigns {', '.join(map(str, settings.campaigns))}"
+
+
+def make_diversity_tiles(found: Diversity) -> rendering.Tiles:
     """Return the tiles of how failures spread over modes that are distinct, each with its basis."""
     of_all = (f"of {figures.count_noun(found.failures, 'failure')}",)
     modes = f"of {figures.count_noun(found.modes, 'cluster')}, small ones included"
     return (
-        ("Effective modes", Tile(figures.format_number(found.effective_modes), (modes,))),
-        ("Largest mode", Tile(figures.format_share(found.largest_share), of_all)),
+        ("Effective modes", rendering.Tile(found.effective_modes, (modes,))),
+        ("Largest mode", rendering.Tile(found.largest_share, of_all, unit="share")),
     )
 
 
-def make_coverage_tile(found: Diversity) -> Tile:
+def make_coverage_tile(found: Diversity) -> rendering.Tile:
     """Return the tile of the share of the campaign after which no new mode was found."""
     seen = ", ".join(map(str, found.coverage))
     tenths = 1 + sum(each < found.modes for each in found.coverage)
-    return Tile(f"{10 * tenths} %", (f"of those analysed, by tenths: {seen}",))
+    return rendering.Tile(f"{10 * tenths} %", (f"of those analysed, by tenths: {seen}",))
 
 
-def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tiles:
+def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> rendering.Tiles:
     """Return the tiles of an analysis's figures, each with its basis.
 
     Args:
@@ -65,35 +106,35 @@ def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tile
     episodes = sum(source.episodes for source in result.sources)
     of_all = (f"of {figures.count_noun(episodes, 'episode')}",) if episodes else ()
     components = figures.count_noun(len(result.explained), "component")
-    explained = figures.format_share(float(np.sum(result.explained)))
-    tiles = [
-        ("Failures analysed", Tile(figures.format_count(len(result.episodes)), of_all)),
-        ("Grouped by", Tile(result.features, (analyses.describe_grouping(result),))),
+    explained = float(np.sum(result.explained))
+    tiles: list[rendering.NamedTile] = [
+        ("Failures analysed", rendering.Tile(len(result.episodes), of_all)),
+        ("Grouped by", rendering.Tile(result.features, (analyses.describe_grouping(result),))),
         ("Adjusted Rand index", make_stability_tile(result)),
-        ("Variance explained", Tile(explained, (f"by {components}",))),
+        ("Variance explained", rendering.Tile(explained, (f"by {components}",), unit="share")),
     ]
     if result.outliers:
         nearest = ("assigned to the mode of their nearest neighbour",)
-        tiles.append(("Near no mode", Tile(figures.format_share(result.outliers), nearest)))
+        tiles.append(("Near no mode", rendering.Tile(result.outliers, nearest, unit="share")))
     if of_modes:
         tiles += make_diversity_tiles(of_modes)
     if found:
         of_prior = ("between failures; p(x) has 1",)
-        tiles.append(("Spread [sigma]", Tile(figures.format_number(found.spread), of_prior)))
+        tiles.append(("Spread [sigma]", rendering.Tile(found.spread, of_prior)))
     if of_modes and is_whole:
         tiles.append(("All modes seen after", make_coverage_tile(of_modes)))
     return tuple(tiles)
 
 
-def make_stability_tile(result: AnalysisResult) -> Tile:
+def make_stability_tile(result: AnalysisResult) -> rendering.Tile:
     """Return the tile of the modes' stability when failures are resampled."""
     found = result.stability
     if found is None:
         why = "no bootstrap" if len(result.modes) > 1 else "a single group"
-        return Tile(figures.UNKNOWN, (f"not tried: {why}",))
+        return rendering.Tile(None, (f"not tried: {why}",))
     draws = f"{found.resamples} draws of {figures.count_noun(found.rows, 'failure')}"
     notes = (figures.format_interval(found.interval), draws, "1: the same groups; 0: chance")
-    return Tile(figures.format_number(found.median), notes)
+    return rendering.Tile(found.median, notes)
 
 
 def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
@@ -118,7 +159,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         mode: the mode, as the analysis found it.
         share: its share of the failures that were analysed.
-        words: what it is; of results of older releases its strongest noise.
+        words: what it is, without its number, which stands above.
         medoid_campaign: campaign of its medoid.
         clip: address of the medoid's player.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
@@ -132,7 +173,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     medoid_campaign: int
     clip: str
     strength: float
-    proof: Tiles
+    proof: rendering.Tiles
 
 
 def make_analysis_view(
@@ -166,7 +207,7 @@ def make_analysis_view(
     collapse = result.diversity.collapse if result.diversity else ""
     step_s = campaign.form.step_s if analysis.settings.align == "collision" else None
     is_whole = not leaves_early_out(analysis.settings, campaigns)
-    proposed = propose_mode_names(result.words or ("",) * len(result.modes))
+    proposed = result.list_modes(analysis.id)
     return view | {
         "result": result,
         # Something speaks against distinct modes.
@@ -181,7 +222,9 @@ def make_analysis_view(
         "proof": make_proof_view(proof, unit),
         # Proposed names repeat the words of the card.
         "given_names": {
-            mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]
+            mode.number: mode.name
+            for mode, unnamed in zip(modes, proposed, strict=True)
+            if mode.name != unnamed.name
         },
         "triage": {
             mode.number: mode.state.words for mode in modes if mode.state is not TriageState.NEW
@@ -195,57 +238,36 @@ def make_mode_cards(
     """Return a card for each mode, with the result of its proof; robustness in a unit, or none."""
     # Before anything was replayed, tiles of zero of zero would look like a result.
     proven = {each.mode: each for each in proof.modes} if proof.scenarios else {}
+    described = zip(result.modes, result.words or [""] * len(result.modes), strict=True)
     return tuple(
         ModeCard(
             number=place + 1,
             mode=mode,
             share=mode.failures / len(result.episodes),
-            words=describe_mode_card(result, place),
+            words=figures.put_minus_signs(words.removeprefix(f"Mode {place + 1}: ")),
             medoid_campaign=mode.medoid_campaign or campaign,
             clip=f"/campaigns/{mode.medoid_campaign or campaign}/episodes/{mode.medoid}/clip",
             strength=float(np.sqrt(np.mean(np.square(mode.eigenfailure)))),
             proof=make_proof_tiles(proven[place], unit) if place in proven else (),
         )
-        for place, mode in enumerate(result.modes)
+        for place, (mode, words) in enumerate(described)
     )
 
 
-def describe_mode_card(result: AnalysisResult, place: int) -> str:
-    """Return the description of a mode without its number, which the card's heading has."""
-    if not result.words:
-        return f"Strongest noise: {describe_peak(result.modes[place], result.channels)}."
-    return figures.put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
-
-
-def make_proof_tiles(proven: ProvenMode, unit: str) -> Tiles:
+def make_proof_tiles(proven: ProvenMode, unit: str) -> rendering.Tiles:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
-    tiles = [
-        ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
-        ("Medoid reproduced", describe_reproduction(proven.medoid, unit)),
+    tiles: list[rendering.NamedTile] = [
+        ("Eigenfailure reproduced", analyses.format_reproduction(proven.eigenfailure, unit)),
+        ("Medoid reproduced", analyses.format_reproduction(proven.medoid, unit)),
     ]
     if nearest := proven.nearest:
         place, _, words = nearest.words.partition(": ")
-        tile = Tile(f"t = {figures.format_number(nearest.t)}", (words or place,))
-        tiles.append(("Nearest failing point", tile))
+        t = f"t = {figures.format_number(nearest.t)}"
+        tiles.append(("Nearest failing point", FormattedCell(t, sample=words or place)))
     return tuple(tiles)
 
 
-WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards −y")}
-"""Words for positive and for negative noise of a position."""
-
-
-def describe_peak(mode: FailureMode, channels: Sequence[str]) -> str:
-    """Return the channel, strength and time of an eigenfailure's strongest noise."""
-    # The sign of a position has words of its own; other channels are plus or minus.
-    z = mode.eigenfailure
-    step, way = np.unravel_index(int(np.abs(z).argmax()), z.shape)
-    value, channel = float(z[step, way]), channels[int(way)]
-    signs = WAYS.get(channel, (f"of positive {channel}", f"of negative {channel}"))
-    return f"{figures.format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
-
-
 CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
-NOT_TRIED = Tile(figures.UNKNOWN, ("no replay completed",))
 
 
 def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
@@ -264,36 +286,21 @@ def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
         # Asking replays something only where nothing was replayed, some of it was cut off, or
         # centres do not fail.
         "may_ask": not found.scenarios or cut_off or bool(found.done and found.unplaced),
-        "tallies": [(name, describe_reproduction(each, unit)) for name, each in tallies.items()],
-        "describe": partial(describe_reproduction, unit=unit),
+        "tallies": [
+            (name, analyses.format_reproduction(each, unit)) for name, each in tallies.items()
+        ],
+        "describe": partial(analyses.format_reproduction, unit=unit),
         "badge_of": make_scenario_badge,
-        "outcomes": OUTCOME_BADGES,
+        "outcomes": rendering.OUTCOME_BADGES,
     }
 
 
-def describe_reproduction(found: Reproduction, unit: str) -> Tile:
-    """Return how many replays failed again, of those tried, and how near they came if none did.
-
-    Args:
-        found: count of the replays.
-        unit: unit of robustness; empty for a function.
-    """
-    rate = found.rate
-    if rate is None:
-        return NOT_TRIED
-    nearest = "\u00a0".join(
-        filter(None, (figures.format_number(found.smallest_robustness_m), unit))
-    )
-    lines = () if rate.k else (f"smallest robustness {nearest}",)
-    return Tile(f"{rate.k} of {rate.n}", lines)
-
-
-def make_scenario_badge(scenario: ProvenScenario) -> Badge:
+def make_scenario_badge(scenario: ProvenScenario) -> rendering.Badge:
     """Return the badge of the campaign that replays: errored if every replay of it errored."""
     ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
     is_errored = bool(ended) and all(outcome is Outcome.ERRORED for outcome in ended)
     is_done = scenario.state is CampaignState.DONE
-    return CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
+    return rendering.CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -308,4 +315,4 @@ def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     others = seen.settings.campaigns if seen.result else ()
     campaigns = list(map(store.campaigns.get, (seen.campaign, *others)))
     modes = store.analyses.modes(analysis)
-    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))
+    return rendering.page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))

@@ -25,7 +25,7 @@ from eigenfail.values.summary import MeanTime, Summary
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
 from eigenfail.wire.http import PREFIX
-from eigenfail_api.dashboard import episodes_page, rendering
+from eigenfail_api.dashboard import analysis_page, episodes_page, rendering
 from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     PriorReference,
@@ -64,10 +64,7 @@ def find_origin(spec: CampaignSpec) -> tuple[str, str] | None:
     return next(links, None)
 
 
-Tiles = tuple[tuple[str, rendering.Tile], ...]
-
-
-def make_conflict_tiles(summary: Summary) -> Tiles:
+def make_conflict_tiles(summary: Summary) -> rendering.Tiles:
     """Return the tiles of the conflict measures; none before the first episode has ended."""
     found, counts = summary.conflicts, summary.counts
     # Of no episode every tile would be a dash.
@@ -75,14 +72,11 @@ def make_conflict_tiles(summary: Summary) -> Tiles:
         return ()
     of_all = (f"of {figures.format_count(counts.completed)}",)
     of_collisions = (f"of {figures.count_noun(found.collisions, 'collision')}",)
-    unclassified = rendering.Tile(figures.format_count(found.unclassified), of_collisions)
+    unclassified = rendering.Tile(found.unclassified, of_collisions)
     return (
-        ("Near misses", rendering.Tile(figures.format_count(found.near_misses), of_all)),
-        ("Unavoidable", rendering.Tile(figures.format_count(found.unavoidable), of_collisions)),
-        (
-            "Planner failures",
-            rendering.Tile(figures.format_count(found.planner_failures), of_collisions),
-        ),
+        ("Near misses", rendering.Tile(found.near_misses, of_all)),
+        ("Unavoidable", rendering.Tile(found.unavoidable, of_collisions)),
+        ("Planner failures", rendering.Tile(found.planner_failures, of_collisions)),
         *((("Not classified", unclassified),) if found.unclassified else ()),
         ("Lead time of MinTTC", make_mean_tile(found.ttc_lead)),
         ("Lead time of DRAC", make_mean_tile(found.drac_lead)),
@@ -92,10 +86,8 @@ def make_conflict_tiles(summary: Summary) -> Tiles:
 def make_mean_tile(time: MeanTime) -> rendering.Tile:
     """Return the tile of a mean with its basis."""
     if time.mean_s is None:
-        return rendering.Tile(figures.UNKNOWN, ("no such collision",))
-    return rendering.Tile(
-        f"{figures.format_number(time.mean_s)} s", (f"mean of {figures.format_count(time.n)}",)
-    )
+        return rendering.Tile(None, ("no such collision",))
+    return rendering.Tile(time.mean_s, (f"mean of {figures.format_count(time.n)}",), unit="s")
 
 
 SEARCHED = "search rate, not a failure probability under p(x)"
@@ -180,7 +172,7 @@ def list_actions(campaign: Campaign) -> tuple[str, ...]:
 
 def make_tiles(
     campaign: Campaign, summary: Summary, reference: PriorReference | None = None
-) -> Tiles:
+) -> rendering.Tiles:
     """Return the tiles at the top.
 
     Args:
@@ -192,24 +184,20 @@ def make_tiles(
     if not traits_of(campaign.spec.method).draws_from_prior:
         # A search chose these episodes. The note says that their failures are not a random sample.
         failures = msgspec.structs.replace(failures, notes=(*failures.notes, SEARCHED))
-    tiles = [("Cost per failure", rendering.make_cost_tile(summary)), ("Failures", failures)]
-    if summary.estimate:
-        value, *notes = format_cell(summary.estimate).lines
-        tiles.append(("Failure probability", rendering.Tile(value, tuple(notes))))
-    severity = figures.format_number(summary.mean_severity)
-    speed = figures.format_number(summary.episodes_per_s)
+    estimate = summary.estimate
     lasted = f"in {figures.format_duration(campaign.active_s)}"
     hours = figures.format_number(summary.cost.instance_hours)
     price = f"{hours} h × {figures.format_number(campaign.spec.price_usd_per_hour)} USD/h"
     spent = "Total cost" if campaign.state in FINAL_STATES else "Cost so far"
-    total = f"{figures.format_usd(summary.cost.total_usd)} USD"
-    tiles += [
+    return (
+        ("Cost per failure", rendering.make_cost_tile(summary)),
+        ("Failures", failures),
+        *((("Failure probability", format_cell(estimate)),) if estimate else ()),
         ("log p per step [nats]", make_likelihood_tile(campaign, summary, reference)),
-        ("Mean severity [m²/s²]", rendering.Tile(severity, ("of the failures",))),
-        ("Episodes/s", rendering.Tile(speed, (lasted,))),
-        (spent, rendering.Tile(total, (price,))),
-    ]
-    return tuple(tiles)
+        ("Mean severity [m²/s²]", rendering.Tile(summary.mean_severity, ("of the failures",))),
+        ("Episodes/s", rendering.Tile(summary.episodes_per_s, (lasted,))),
+        (spent, rendering.Tile(summary.cost.total_usd, (price,), unit="USD")),
+    )
 
 
 def make_likelihood_tile(
@@ -217,7 +205,7 @@ def make_likelihood_tile(
 ) -> rendering.Tile:
     """Return the tile of log p per step of the failures, and of noise drawn from p(x)."""
     counted = f"of {figures.count_noun(campaign.counts.failures, 'failure')}"
-    value = figures.format_number(summary.log_probability_per_step)
+    value = summary.log_probability_per_step
     if reference is None:
         return rendering.Tile(value, (counted,))
     typical = f"{figures.format_number(reference.typical)} for typical noise of p(x)"
@@ -332,11 +320,11 @@ def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None
         "charts": charts if rows else (),
         "failures": episodes_page.make_episode_list(seen, listed, order),
         "analyses": tuple(
-            (each, ", ".join(episodes_page.describe_settings(each.settings, channels)))
+            (each, ", ".join(analysis_page.describe_settings(each.settings, channels)))
             for each in analyses
         ),
         "asked": AnalysisSettings(),
-        "choices": episodes_page.list_analysis_choices(seen.spec),
+        "choices": analysis_page.list_analysis_choices(seen.spec),
         "events": tuple(store.events.latest(EVENTS_SHOWN, seen.id)),
         "times": list_times(seen),
         "priorities": [each for each in Priority if is_open and each is not seen.spec.priority],

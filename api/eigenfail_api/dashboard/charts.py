@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenfail.errors import NoisePruned
 from eigenfail.filters import Condition, Conditions, Operator, read_value
@@ -30,10 +31,6 @@ from eigenfail.values.summary import Course, CourseBlock, EpisodeSample
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store.store import Store
 
-# More digits would make pages larger, and no screen could show them.
-DIGITS = 5
-
-
 # The table stands for a chart where scripts are off; the files of a campaign hold all rows.
 MOST_ROWS = 200
 
@@ -49,7 +46,7 @@ class Chart(msgspec.Struct, frozen=True, kw_only=True):
         kind: which module draws it.
         title: what it shows.
         caption: how to read it, in a sentence.
-        data: for the module, plain JSON.
+        data: for the module; plain JSON, and arrays, which the page rounds.
         table: the same numbers, for readers without scripts; its notes say what it leaves out.
         every: the table of all channels, where there are so many that the table and the chart show
             the most influential ones at first.
@@ -92,8 +89,8 @@ class ChannelPlot(NamedTuple):
 
     def make_chart(self, name: str, kind: str, title: str, caption: str, why: str) -> Chart:
         """Return the chart; its caption says why some channels are shown first."""
-        shown = pick_channels(self.weights)
-        ranked, every = shown, None
+        shown = ranked = pick_channels(self.weights)
+        table = every = self.tabulate(shown)
         if len(shown) < len(self.channels):
             ranked = rank_channels(self.weights)
             every = self.tabulate(ranked)
@@ -105,8 +102,8 @@ class ChannelPlot(NamedTuple):
             title=title,
             caption=caption,
             data=self.draw(ranked),
-            table=self.tabulate(shown),
-            every=every,
+            table=table,
+            every=None if every is table else every,
         )
 
 
@@ -121,15 +118,9 @@ def tabulate_first(rows: Sequence[object], *readings: Reading) -> Table:
     return tabulate("", rows[:MOST_ROWS], *readings, notes=note)
 
 
-def round_values(values: Iterable[float | None]) -> list[float | None]:
-    """Return floats with as many digits as a screen can show; None stays None."""
-    # JSON does not know NaN: a missing value is null, and leaves a gap in the line of a chart.
-    return [None if value is None else float(f"{value:.{DIGITS}g}") for value in values]
-
-
-def round_rows(array: np.ndarray) -> list[list[float | None]]:
-    """Return the rows of a matrix as rounded floats."""
-    return [round_values(float(value) for value in row) for row in array]
+def collect_floats(values: Iterable[float | None]) -> NDArray[np.float64]:
+    """Return the values of a line as an array, which the page rounds; NaN for a missing one."""
+    return np.array(list(values), np.float64)
 
 
 DISTANCES = "Smallest distance between footprints in each episode [m];"
@@ -168,9 +159,9 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             # The rate of a block is drawn at its middle, since it holds for all of its episodes.
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
-            "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
-            "low": round_values(None if each is None else 100.0 * each.low for each in bounds),
-            "high": round_values(None if each is None else 100.0 * each.high for each in bounds),
+            "rate": collect_floats(100.0 * block.failure_rate.share for block in blocks),
+            "low": collect_floats(None if each is None else 100.0 * each.low for each in bounds),
+            "high": collect_floats(None if each is None else 100.0 * each.high for each in bounds),
         },
         table=tabulate(
             "",
@@ -219,7 +210,7 @@ def make_robustness_chart(
         caption=f"{DISTANCES if unit else ANSWERS} 0 is a failure. {sample}",
         data={
             "index": [row.index for row in measured],
-            "robustness": round_values(row.robustness_m for row in measured),
+            "robustness": collect_floats(row.robustness_m for row in measured),
             "failure": [row.outcome.is_failure for row in measured],
             "unit": unit,
         },
@@ -270,7 +261,7 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
         data={
             "columns": list(AXES),
             "names": list(AXES.values()),
-            "values": [round_values(map(read, rows)) for read in readers.values()],
+            "values": [collect_floats(map(read, rows)) for read in readers.values()],
             "failure": [row.outcome.is_failure for row in rows],
         },
         table=tabulate_first(

@@ -12,22 +12,20 @@ from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.estimates import Cost
 from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
-from eigenfail_api.dashboard.charts import Chart, round_values
+from eigenfail_api.dashboard.charts import Chart
 
 
 def mark(price: Cost, **whose: object) -> dict[str, object]:
     """Return the mark of a cost in a chart [USD], with the names of its owner."""
     bounds = price.interval_usd
     # A logarithmic axis cannot show zero: an unknown value stays null.
-    value, low, high, at_least = round_values(
-        (
-            price.per_failure_usd,
-            bounds.low if bounds else None,
-            bounds.high if bounds else None,
-            price.at_least_usd,
-        )
-    )
-    return {**whose, "value": value, "low": low, "high": high, "at_least": at_least}
+    return {
+        **whose,
+        "value": price.per_failure_usd,
+        "low": bounds.low if bounds else None,
+        "high": bounds.high if bounds else None,
+        "at_least": price.at_least_usd,
+    }
 
 
 def has_price(price: Cost) -> bool:

@@ -1,6 +1,6 @@
 """The page on which episodes are searched and sorted, and the rows of its list."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, NamedTuple
 from urllib.parse import urlencode
@@ -11,21 +11,14 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail import filters
 from eigenfail.errors import InputError
-from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import count_noun, format_number
-from eigenfail.values.analysis import JOINT, AnalysisSettings
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import ConflictClass, EpisodeRow, Page
 from eigenfail.wire.http import PREFIX
-from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail.worlds import find_robustness_unit
 from eigenfail_api.dashboard.charts import make_parallel_chart, spread
-from eigenfail_api.dashboard.rendering import (
-    CLUSTERERS,
-    Badge,
-    make_outcome_badge,
-    page,
-)
+from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge, page
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.export_formats import has_pyarrow
 from eigenfail_services.store.store import Store
@@ -234,48 +227,6 @@ def make_heading(
 def order(sort: filters.SortOrder) -> str:
     """Return an order in the words of aria-sort."""
     return "descending" if sort.descending else "ascending"
-
-
-class AnalysisChoices(msgspec.Struct, frozen=True):
-    """The choices for analyses of a campaign.
-
-    Attributes:
-        label: the label of the choice of channels.
-        options: the channels, each with its words.
-        alignments: where failures may be aligned, each with its words.
-    """
-
-    label: str
-    options: Mapping[str, str]
-    alignments: Mapping[str, str]
-
-
-def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
-    """Return the choices for analyses of a campaign."""
-    world = world_of(spec.simulator)
-    channels = world.channels(spec)
-    words = choose_channel_words(channels)
-    axes = {JOINT: words.together, **{channel: f"{channel} only" for channel in channels}}
-    collides = world.has_road and spec.fails_by_collision_alone
-    alignments = {"start": "start"} | ({"collision": "collision"} if collides else {})
-    return AnalysisChoices(words.several.capitalize(), axes, alignments)
-
-
-def describe_settings(settings: AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
-    """Yield how failures are analysed, in words."""
-    words = choose_channel_words(channels)
-    together = f"{words.together} {words.several}"
-    yield f"aligned at {settings.align}"
-    yield together if settings.axes == JOINT else f"the {settings.axes} {words.one} alone"
-    yield count_noun(settings.components, "component")
-    yield CLUSTERERS[settings.clusterer]
-    yield "modes: auto" if settings.clusters is None else f"modes: {settings.clusters}"
-    yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
-    yield f"failures: {settings.failures}"
-    yield f"eigenfailures: {settings.centre}"
-    yield f"features: {settings.features}"
-    if settings.campaigns:
-        yield f"with campaigns {', '.join(map(str, settings.campaigns))}"
 
 
 EXAMPLES = {

@@ -5,7 +5,6 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.presentation import campaigns, tables
 from eigenfail.presentation.figures import (
-    UNKNOWN,
     count_noun,
     format_count,
     format_number,
@@ -16,9 +15,9 @@ from eigenfail.values.records import IN_WORDS
 from eigenfail.values.safety import FailurePoint, Safety, Scatter
 from eigenfail.values.summary import CampaignCost, TimeSplit
 from eigenfail.worlds import world_of
-from eigenfail_api.dashboard.charts import Chart, round_values, tabulate_first
+from eigenfail_api.dashboard.charts import Chart, collect_floats, tabulate_first
 from eigenfail_api.dashboard.overview_page import MOST_LINES
-from eigenfail_api.dashboard.rendering import Tile, page, write_time
+from eigenfail_api.dashboard.rendering import Tile, Tiles, page, write_time
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes.analyses import COSTS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
@@ -43,8 +42,8 @@ def make_scatter_chart(scatter: Scatter) -> Chart:
         ),
         data={
             "index": [point.index for point in points],
-            "likelihood": round_values(point.log_probability_per_step for point in points),
-            "severity": round_values(point.severity for point in points),
+            "likelihood": collect_floats(point.log_probability_per_step for point in points),
+            "severity": collect_floats(point.severity for point in points),
             "kind": [describe_kind(point) for point in points],
         },
         table=tabulate_first(
@@ -72,17 +71,17 @@ PARTS = {
 }
 
 
-def make_cost_tiles(found: CampaignCost) -> tuple[tuple[str, Tile], ...]:
+def make_cost_tiles(found: CampaignCost) -> Tiles:
     """Return the tiles of total cost and of cost per failure."""
     hours = f"{format_number(found.cost.instance_hours)} instance-hours"
     price = f"at {format_usd(found.price_usd_per_hour)} USD/h × {found.instances}"
     each, failures = tables.format_cost(found.cost), count_noun(found.failures, "failure")
-    of_mode = Tile(UNKNOWN, ("no distinct modes found",))
+    of_mode = Tile(None, ("no distinct modes found",))
     if found.modes is not None:
         modes = count_noun(found.modes, "distinct mode")
-        of_mode = Tile(f"{format_usd(found.per_mode_usd)} USD", (modes,))
+        of_mode = Tile(found.per_mode_usd, (modes,), unit="USD")
     return (
-        ("Spent", Tile(f"{format_usd(found.cost.total_usd)} USD", (hours, price))),
+        ("Spent", Tile(found.cost.total_usd, (hours, price), unit="USD")),
         ("Per failure", Tile(each.value, (failures, *each.notes) if found.completed else ())),
         ("Per distinct mode", of_mode),
     )
@@ -97,7 +96,7 @@ def make_curve_chart(found: CampaignCost) -> Chart:
         title="Failures and modes found against cost",
         caption=f"Failures{' and distinct modes' * known} found by amount spent.",
         data={
-            "usd": round_values(point.usd for point in points),
+            "usd": collect_floats(point.usd for point in points),
             "failures": [point.failures for point in points],
             "modes": [point.modes for point in points] if known else None,
         },

@@ -27,7 +27,7 @@ from eigenfail_api.access.change_details import record_form
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
-from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.dashboard.rendering import NamedTile, Tile, Tiles, page
 from eigenfail_api.dashboard.scene import describe_first, make_overlay_chart
 from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_form
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
@@ -79,9 +79,7 @@ def make_mode_view(
     }
 
 
-def list_mode_tiles(
-    card: ModeCard, mode: Mode, campaigns: list[Campaign], analysed: int
-) -> tuple[tuple[str, Tile], ...]:
+def list_mode_tiles(card: ModeCard, mode: Mode, campaigns: list[Campaign], analysed: int) -> Tiles:
     """Return the tiles of a mode's figures, each with its basis."""
     total_usd = sum(find_cost(each).total_usd for each in campaigns)
     found = figures.count_noun(mode.failures, "failure")
@@ -91,17 +89,13 @@ def list_mode_tiles(
     # have more failures.
     more = f"{figures.count_noun(skipped, 'failure')} not analysed: an upper bound"
     share = f"{figures.format_share(card.share)} of those analysed"
-    tiles = [("Failures", Tile(figures.format_count(mode.failures), (share,)))]
+    tiles: list[NamedTile] = [("Failures", Tile(mode.failures, (share,)))]
     if card.mode.probability:
-        value, *notes = format_cell(card.mode.probability).lines
-        tiles.append(("Probability under p(x)", Tile(value, tuple(notes))))
-    cost = Tile(
-        figures.format_amount(total_usd / mode.failures), (basis, more) if skipped else (basis,)
-    )
-    strength = Tile(f"{figures.format_number(card.strength)} sigma")
+        tiles.append(("Probability under p(x)", format_cell(card.mode.probability)))
+    cost = Tile(total_usd / mode.failures, (basis, more) if skipped else (basis,), unit="USD")
     tiles += [
         ("Cost per failure of the mode", cost),
-        ("Eigenfailure, root mean square", strength),
+        ("Eigenfailure, root mean square", Tile(card.strength, unit="sigma")),
         *card.proof,
     ]
     return tuple(tiles)

@@ -15,10 +15,10 @@ from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import (
     MOST_ROWS,
     Chart,
+    collect_floats,
     format_bounds,
     format_span,
     list_rows,
-    round_values,
 )
 
 FINDS = {"failures": "Failures", "modes": "Distinct modes"}
@@ -235,4 +235,4 @@ def make_distance_chart(compared: Sequence[Compared]) -> Chart:
 
 def draw_line(name: str, x: Sequence[float], y: Sequence[float | None]) -> dict[str, object]:
     """Return a campaign's line of a chart."""
-    return {"name": name, "x": round_values(x), "y": round_values(y)}
+    return {"name": name, "x": collect_floats(x), "y": collect_floats(y)}

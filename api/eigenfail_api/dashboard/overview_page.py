@@ -9,13 +9,13 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
-from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
+from eigenfail.presentation.figures import count_noun
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignFilter, CampaignState
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
 from eigenfail.values.summary import Summary
 from eigenfail_api.dashboard import cost_charts
 from eigenfail_api.dashboard.episodes_page import Heading, SortedColumn, make_heading
-from eigenfail_api.dashboard.rendering import WORKING, Tile, describe_remaining, page
+from eigenfail_api.dashboard.rendering import WORKING, Tile, Tiles, describe_remaining, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.summary import (
     count_present,
@@ -39,8 +39,8 @@ def make_worker_tiles(
     episodes = sum(share.episodes for share in lately)
     window = f"results of the last {within_s} s"
     return (
-        ("Workers now", Tile(format_count(len(names)), (f"{len(at_work)} with {window}",))),
-        ("Episodes/s now", Tile(format_number(episodes / within_s), (window,))),
+        ("Workers now", Tile(len(names), (f"{len(at_work)} with {window}",))),
+        ("Episodes/s now", Tile(episodes / within_s, (window,))),
     )
 
 
@@ -157,19 +157,17 @@ def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
     return words, wanted.address(method=cost_charts.REPLAY, before=None)
 
 
-def make_tiles(
-    campaigns: Sequence[Campaign], summaries: Sequence[Summary]
-) -> tuple[tuple[str, Tile], ...]:
+def make_tiles(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> Tiles:
     """Return the tiles of sums over the campaigns of the page."""
     running = sum(campaign.state == "running" for campaign in campaigns)
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
     spent = sum(summary.cost.total_usd for summary in summaries)
     return (
-        ("Campaigns", Tile(format_count(len(campaigns)), (f"{running} running",))),
-        ("Episodes", Tile(format_count(completed), ("completed",))),
-        ("Failures", Tile(format_count(failures), ("collisions or violations",))),
-        ("Spent", Tile(f"{format_usd(spent)} USD", ("instance-hours × price",))),
+        ("Campaigns", Tile(len(campaigns), (f"{running} running",))),
+        ("Episodes", Tile(completed, ("completed",))),
+        ("Failures", Tile(failures, ("collisions or violations",))),
+        ("Spent", Tile(spent, ("instance-hours × price",), unit="USD")),
     )
 
 

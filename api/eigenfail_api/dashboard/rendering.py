@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jinja2
 import msgspec
+import numpy as np
 from fastapi import Request
 from markupsafe import Markup
 from starlette.responses import FileResponse, HTMLResponse, Response
@@ -20,12 +21,17 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from eigenfail import __version__, plugins
 from eigenfail.methods import traits_of
 from eigenfail.presentation import figures
-from eigenfail.presentation.tables import format_cell, format_cost
+from eigenfail.presentation.tables import (
+    Cell,
+    FormattedCell,
+    TableColumn,
+    format_cell,
+    format_cost,
+)
 from eigenfail.values.analysis import AnalysisState
 from eigenfail.values.campaign import Campaign, CampaignState, state_word
 from eigenfail.values.episode import ERRORED, Outcome
 from eigenfail.values.summary import Summary
-from eigenfail.wire import http
 from eigenfail.wire.http import PREFIX, Problem
 from eigenfail_services.export_formats import has_pyarrow
 
@@ -79,9 +85,33 @@ def write_time(at_ms: int | None) -> str:
     return marked.format(moment.isoformat(), figures.format_utc(at_ms))
 
 
+DIGITS = 5
+"""More digits would make pages larger, and no screen could show them."""
+
+
+def round_array(array: object) -> list[object]:
+    """Return an array as plain values, floats with as many digits as a screen can show.
+
+    Raises:
+        NotImplementedError: it is no array.
+    """
+    if not isinstance(array, np.ndarray):
+        raise NotImplementedError(f"{type(array).__name__} is no array")
+    if array.ndim > 1:
+        return list(array)
+    return [float(f"{value:.{DIGITS}g}") for value in array.tolist()]
+
+
+_encoder = msgspec.json.Encoder(enc_hook=round_array)
+
+
 def to_json(value: object) -> str:
-    """Return a value as JSON for a data attribute."""
-    return http.encode(value).decode()
+    """Return a value as JSON for a data attribute.
+
+    Arrays are rounded for the screen. A value that is not finite is null: JSON does not know it,
+    and it leaves a gap in the line of a chart.
+    """
+    return _encoder.encode(value).decode()
 
 
 @cache
@@ -296,18 +326,30 @@ class Tile(msgspec.Struct, frozen=True):
     """A figure, and what it rests on.
 
     Attributes:
-        value: the figure with its unit.
+        figure: the figure, as a cell of a table holds it.
         notes: what it rests on, each a line below it.
         remark: a sentence on how to read it; empty if there is nothing to say.
         mark: what stands for the remark in a table, in a few words; empty if the remark does.
         term: label of the definition beside the mark.
+        unit: unit of the figure; "share" for a share of one, which is shown in percent.
     """
 
-    value: str
+    figure: Cell
     notes: tuple[str, ...] = ()
     remark: str = ""
     mark: str = ""
     term: str = ""
+    unit: str = ""
+
+    @property
+    def value(self) -> str:
+        """Return the figure as text, with its unit."""
+        text = format_cell(self.figure, TableColumn("", self.unit)).value
+        return text if self.unit in {"", "share"} else figures.put_unit(text, self.unit)
+
+
+NamedTile = tuple[str, Tile | FormattedCell]
+Tiles = tuple[NamedTile, ...]
 
 
 def describe_remaining(campaign: Campaign, summary: Summary) -> str:

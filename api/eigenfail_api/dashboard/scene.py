@@ -55,10 +55,8 @@ def make_noise_chart(
         return {
             "axis": axis,
             "end": len(times) * (dt_s or 1.0),
-            "time": charts.round_values(times),
-            "channels": {
-                channels[way]: charts.round_values(map(float, standardised[:, way])) for way in ways
-            },
+            "time": charts.collect_floats(times),
+            "channels": {channels[way]: standardised[:, way] for way in ways},
         }
 
     def tabulate(ways: Sequence[int]) -> Table:
@@ -144,12 +142,10 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
             data={
                 "axis": "Time [s]",
                 "end": end_s,
-                "time": charts.round_values(dt_s * step for step in range(len(values))),
+                "time": dt_s * np.arange(len(values)),
                 "unit": unit,
                 "ticks": make_ticks(values, scale),
-                "values": charts.round_values(
-                    float(value) if np.isfinite(value) else None for value in values
-                ),
+                "values": values,
             },
             table=charts.list_rows(
                 ("Time [s]", f"{title} [{unit}]"),
@@ -197,11 +193,11 @@ def make_scene_chart(
         caption="Width and length have the same scale; the view follows the ego.",
         data={
             "dt": scene.dt_s,
-            "vehicles": [charts.round_rows(vehicles) for vehicles in scene.vehicles],
-            "sizes": charts.round_rows(scene.sizes),
-            "perceived": charts.round_rows(scene.perceived),
+            "vehicles": scene.vehicles,
+            "sizes": scene.sizes,
+            "perceived": scene.perceived,
             "nearest": nearest,
-            "apart": charts.round_values(map(float, apart)),
+            "apart": apart,
             "collides": outcome is Outcome.COLLISION,
             "lanes": mission.lanes if mission else 0,
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
@@ -223,7 +219,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
     shown: dict[str, object] = {}
     # Only scenes of worlds with a map have borders of lanes; others draw straight ones.
     if not isinstance(scene.road, msgspec.UnsetType):
-        shown["road"] = [charts.round_rows(border) for border in scene.road]
+        shown["road"] = scene.road
     if not isinstance(scene.kinds, msgspec.UnsetType):
         shown["kinds"] = ["" if kind == UNKNOWN_KIND else kind for kind in scene.kinds]
     return shown
@@ -276,13 +272,13 @@ def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
         for word, step in zip(words["heeds"], steps, strict=True)
     ]
     figures = {
-        name: charts.round_values(read_figure(step, name) for step in steps) for name in FIGURES
+        name: charts.collect_floats(read_figure(step, name) for step in steps) for name in FIGURES
     }
     truth = {
-        "true_gap_m": charts.round_values(step.gap_m for step in steps),
-        "true_closing_mps": charts.round_values(step.closing_mps for step in steps),
+        "true_gap_m": charts.collect_floats(step.gap_m for step in steps),
+        "true_closing_mps": charts.collect_floats(step.closing_mps for step in steps),
     }
-    paths = [charts.round_values(value for point in step.path for value in point) for step in steps]
+    paths = [np.ravel(step.path) for step in steps]
     return {**words, **figures, **truth, "path": paths}
 
 
@@ -331,7 +327,7 @@ def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> charts.Char
     }
     road = recordings.scenes[0].road
     if not isinstance(road, msgspec.UnsetType):
-        data["road"] = [charts.round_rows(border) for border in road]
+        data["road"] = road
     return charts.Chart(
         id=name,
         kind="overlay",
@@ -380,7 +376,7 @@ class _Failure:
         return {
             "last": self.last,
             "struck": self.struck,
-            "sizes": charts.round_rows(self._scene.sizes),
+            "sizes": self._scene.sizes,
             "tracks": [_list_known(track.ravel()) for track in poses.swapaxes(0, 1)],
             "speed": _list_known(self.speed_mps.round(1)),
             "apart": _list_known(self.apart_m.round(CENTIMETRE)),

@@ -25,7 +25,7 @@ from eigenfail.wire.http import read_body
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard import launch_page
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
-from eigenfail_api.dashboard.rendering import Tile, make_pager, page
+from eigenfail_api.dashboard.rendering import Tile, Tiles, make_pager, page
 from eigenfail_api.parameters import Before, Stored, read_form
 from eigenfail_services.campaigns.suites import check_suite, read_suite
 from eigenfail_services.comparison.seeds import make_suite_table
@@ -188,20 +188,19 @@ def make_heat_cell(members: Sequence[SuiteRow], rate: Rate | None, largest: floa
     return HeatCell(Tile(told.value, notes), level, address)
 
 
-def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
+def make_tiles(table: SuiteTable) -> Tiles:
     """Return the tiles of sums over the members."""
     counts = [row.summary.counts for row in table.members]
     running = sum(row.state is CampaignState.RUNNING for row in table.members)
     spent = sum(row.summary.cost.total_usd for row in table.members)
     completed, planned, failures = (
-        figures.format_count(sum(getattr(each, name) for each in counts))
-        for name in ("completed", "planned", "failures")
+        sum(getattr(each, name) for each in counts) for name in ("completed", "planned", "failures")
     )
     return (
-        ("Members", Tile(figures.format_count(len(counts)), (f"{running} running",))),
-        ("Episodes", Tile(completed, (f"of {planned}",))),
+        ("Members", Tile(len(counts), (f"{running} running",))),
+        ("Episodes", Tile(completed, (f"of {figures.format_count(planned)}",))),
         ("Failures", Tile(failures, ("collisions or violations",))),
-        ("Spent", Tile(f"{figures.format_usd(spent)} USD", ("instance-hours × price",))),
+        ("Spent", Tile(spent, ("instance-hours × price",), unit="USD")),
     )
 
 

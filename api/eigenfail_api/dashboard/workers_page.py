@@ -5,7 +5,6 @@ from collections import Counter
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation.figures import format_count, format_number
 from eigenfail.presentation.workers import WorkerState, combine_activity
 from eigenfail.values.operations import ACTIVE_S
 from eigenfail_api.dashboard.rendering import Badge, Tile, page
@@ -40,10 +39,10 @@ def show_workers(store: Stored) -> HTMLResponse:
         workers,
         staffing=summary.make_staffing(store, len(here), summary.list_unrunnable(store)),
         figures=(
-            ("Connected", Tile(format_count(len(workers) - states[WorkerState.GONE]))),
-            ("At work", Tile(format_count(states[WorkerState.AT_WORK]))),
-            ("Waiting", Tile(format_count(states[WorkerState.WAITING]))),
-            ("Episodes/s now", Tile(format_number(results.total() / ACTIVE_S), (WINDOW,))),
+            ("Connected", Tile(len(workers) - states[WorkerState.GONE])),
+            ("At work", Tile(states[WorkerState.AT_WORK])),
+            ("Waiting", Tile(states[WorkerState.WAITING])),
+            ("Episodes/s now", Tile(results.total() / ACTIVE_S, (WINDOW,))),
         ),
         badges=STATE_BADGES,
         rates={worker: count / ACTIVE_S for worker, count in results.items()},

@@ -247,19 +247,16 @@ def describe_influence(found: InfluenceShare, channels: Sequence[str]) -> str:
 
 def tabulate_moments(result: AnalysisResult) -> tables.Table:
     """Return the moments of greatest influence."""
-    words = choose_channel_words(result.channels)
+    channel = choose_channel_words(result.channels).one.capitalize()
     note = (
         "Influence: components weighted by explained variance. It says where the noise of the "
         "failures differs, not what causes them."
     )
-    return tables.tabulate(
-        "Moments of greatest influence",
-        result.moments,
-        tables.read_text(words.one.capitalize(), lambda each: each.axis.capitalize()),
-        tables.read_text("When", format_moment),
-        tables.read_number("Influence", "influence"),
-        notes=(note,),
+    columns = (*tables.name_columns(channel, "When"), tables.TableColumn("Influence"))
+    rows = tuple(
+        (each.axis.capitalize(), format_moment(each), each.influence) for each in result.moments
     )
+    return tables.Table("Moments of greatest influence", columns, rows, (note,))
 
 
 def tabulate_influence(result: AnalysisResult) -> tables.Table:
@@ -384,7 +381,7 @@ def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> It
         for kind, found in kinds.items():
             yield f"{_count_failed_again(found, f'replays of {kind}', unit)} {pairs}."
     for mode in proof.modes:
-        parts = [_format_reproduction(each, unit) for each in (mode.eigenfailure, mode.medoid)]
+        parts = [format_reproduction(each, unit).line for each in (mode.eigenfailure, mode.medoid)]
         who = f"{noun.capitalize()} {mode.mode + 1}"
         yield f"{who}: eigenfailure {parts[0]}; medoid {parts[1]}."
         if mode.nearest:
@@ -397,16 +394,23 @@ def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> It
 def _count_failed_again(found: Reproduction, replayed: str, unit: str) -> str:
     if found.rate is None:
         return f"None of the {replayed} was completed"
-    return _format_reproduction(found, unit, f" {replayed} reproduced a failure")
+    cell = format_reproduction(found, unit)
+    return cell._replace(value=f"{cell.value} {replayed} reproduced a failure").line
 
 
-def _format_reproduction(found: Reproduction, unit: str, words: str = "") -> str:
-    """Return the count of replays that failed again, and how near they came if none did."""
+def format_reproduction(found: Reproduction, unit: str = "m") -> tables.FormattedCell:
+    """Return how many replays failed again, of those tried, and how near they came if none did.
+
+    Args:
+        found: count of the replays.
+        unit: unit of robustness; empty for a function.
+    """
     if found.rate is None:
-        return "not replayed"
-    counted = f"{found.rate.k} of {found.rate.n}{words}"
+        return tables.FormattedCell(figures.UNKNOWN, sample="no replay completed")
+    # A failure has no distance left: its robustness is 0.
     nearest = f"{figures.format_number(found.smallest_robustness_m)} {unit}".rstrip()
-    return counted if found.rate.k else f"{counted} (nearest {nearest})"
+    sample = "" if found.rate.k else f"smallest robustness {nearest}"
+    return tables.FormattedCell(f"{found.rate.k} of {found.rate.n}", sample=sample)
 
 
 def describe_chain_mixing(found: ChainMixing) -> tuple[tables.Block, ...]:

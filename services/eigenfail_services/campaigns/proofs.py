@@ -54,8 +54,6 @@ def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> li
     share a world.
     """
     analysed = store.campaigns.get(analysis.campaign).spec
-    if not validation.list_drawn(analysed):
-        return [ReplayWorld(analysed, tuple(range(len(result.modes))), {})]
     found: dict[bytes, ReplayWorld] = {}
     for place, mode in enumerate(result.modes):
         drawn = read_drawn(store, analysis, mode)
@@ -123,15 +121,11 @@ def summarise_proof(store: Store, analysis: Analysis) -> Proof:
         Conflict: the analysis is not done.
     """
     result = read_result(analysis)
-    # A result that is there changes no more, and its campaigns' specs never do.
-    homes = store.answers.get(
-        ("worlds of an analysis", analysis.id), None, lambda: _list_worlds(store, analysis, result)
-    )
     linked = [store.campaigns.get(each) for each in store.analyses.replays(analysis.id)]
     # Proofs link searches for the nearest failing point, too.
     replays = [each for each in linked if each.spec.method == REPLAY]
     scenarios = tuple(
-        _find_scenario(store, analysis, homes, each) for each in _keep_latest(replays)
+        _find_scenario(store, analysis, result, each) for each in _keep_latest(replays)
     )
     everything = [replay for scenario in scenarios for replay in scenario.replays]
     same = [replay for scenario in scenarios if scenario.is_same for replay in scenario.replays]
@@ -194,7 +188,7 @@ def _find_nearest_points(
 
 
 def _find_scenario(
-    store: Store, analysis: Analysis, homes: Sequence[ReplayWorld], replay: Campaign
+    store: Store, analysis: Analysis, result: AnalysisResult, replay: Campaign
 ) -> ProvenScenario:
     """Return the results of a replay campaign, from the cache unless more episodes have ended.
 
@@ -203,23 +197,17 @@ def _find_scenario(
     return store.answers.get(
         ("proof in a scenario", analysis.id, replay.id),
         (replay.state, replay.counts),
-        lambda: _summarise_scenario(store, _find_home(replay, homes), replay),
+        lambda: _summarise_scenario(store, _find_home(store, analysis, result, replay), replay),
     )
 
 
 def _keep_latest(replays: Iterable[Campaign]) -> list[Campaign]:
-    """Return the newest replay of each mode in each scenario, so that no trajectory counts twice.
-
-    Replays that drew a scenario of their own each say nothing of one.
-    """
+    """Return the newest replay of each mode in each scenario: no trajectory counts twice."""
+    newest: dict[bytes, Campaign] = {}
     # Replays come oldest first, so that the newest of a key remains.
-    newest = {
-        msgspec.json.encode(
-            (spec.scenario_parameters, _list_modes(spec)), order="deterministic"
-        ): each
-        for each in replays
-        if not validation.list_drawn(spec := each.spec)
-    }
+    for each in replays:
+        identity = (each.spec.scenario_parameters, _list_modes(each.spec))
+        newest[msgspec.json.encode(identity, order="deterministic")] = each
     return list(newest.values())
 
 
@@ -227,10 +215,16 @@ def _list_modes(replay: CampaignSpec) -> list[int]:
     return list(replay.settings.get("modes", ()))
 
 
-def _find_home(replay: Campaign, homes: Sequence[ReplayWorld]) -> ReplayWorld:
-    named = _list_modes(replay.spec)
-    # A replay names its modes only if the scenario's parameters vary; otherwise there is one home.
-    return next((home for home in homes if home.modes[0] + 1 in named), homes[0])
+def _find_home(
+    store: Store, analysis: Analysis, result: AnalysisResult, replay: Campaign
+) -> ReplayWorld:
+    # A replay names its modes only if the scenario's parameters vary; otherwise all share a world.
+    numbers = _list_modes(replay.spec) or range(1, len(result.modes) + 1)
+    modes = tuple(number - 1 for number in numbers)
+    # The medoids of the modes of one replay drew the same.
+    drawn = read_drawn(store, analysis, result.modes[modes[0]])
+    analysed = store.campaigns.get(analysis.campaign).spec
+    return ReplayWorld(_put_parameters(analysed, drawn), modes, drawn)
 
 
 def _summarise_scenario(store: Store, home: ReplayWorld, replay: Campaign) -> ProvenScenario:
@@ -486,6 +480,7 @@ def _make_replay(
     )
     name = f"{analysed.name}: replay of analysis {analysis.id}" + (differing and f", {differing}")
     settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
+    # Where nothing is drawn, all modes share one world, and none need be named.
     some = {"modes": [place + 1 for place in home.modes]} if validation.list_drawn(analysed) else {}
     return msgspec.structs.replace(
         spec,

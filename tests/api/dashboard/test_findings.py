@@ -30,8 +30,11 @@ from eigenfail_api.dashboard.analysis_charts import (
     make_scores_chart,
     make_training_charts,
 )
-from eigenfail_api.dashboard.analysis_page import list_tables, make_finding_tiles
-from eigenfail_api.dashboard.episodes_page import describe_settings
+from eigenfail_api.dashboard.analysis_page import (
+    describe_settings,
+    list_tables,
+    make_finding_tiles,
+)
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 
 OF_MODES, SEEN = ("Effective modes", "Largest mode"), "All modes seen after"

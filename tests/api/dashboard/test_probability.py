@@ -63,7 +63,7 @@ def test_a_lower_bound_has_no_interval_and_no_cv_beside_it(campaign):
 
 def test_a_refusal_says_why(campaign):
     figure = shown(replace(campaign, estimate=REFUSED))["Failure probability"]
-    assert figure == Tile("–", ("by importance sampling", "Too few count."))
+    assert (figure.value, figure.notes) == ("–", ("by importance sampling", "Too few count."))
 
 
 def test_a_method_that_tells_none_has_no_tile(campaign):

@@ -2,10 +2,10 @@
 
 import pytest
 
+from eigenfail.presentation.analyses import format_reproduction
 from eigenfail.values.episode import Outcome
 from eigenfail.values.estimates import Rate
 from eigenfail.values.proof import Reproduction
-from eigenfail_api.dashboard.analysis_page import NOT_TRIED, describe_reproduction
 from eigenfail_services.statistics.intervals import rate
 
 
@@ -35,12 +35,12 @@ def replayed(deliver, result):
 def test_replays_are_counted_without_an_interval():
     found = Reproduction(rate(3, 4), 0.0)
     assert isinstance(found.rate, Rate)
-    figure = describe_reproduction(found, "m")
+    figure = format_reproduction(found)
     assert (figure.value, figure.notes) == ("3 of 4", ())
-    for unit, words in (("m", "1.25\u00a0m"), ("", "1.25")):
-        (nearest,) = describe_reproduction(Reproduction(rate(0, 2), 1.25), unit).notes
+    for unit, words in (("m", "1.25 m"), ("", "1.25")):
+        (nearest,) = format_reproduction(Reproduction(rate(0, 2), 1.25), unit).notes
         assert nearest == f"smallest robustness {words}"
-    assert describe_reproduction(Reproduction(), "m") == NOT_TRIED
+    assert format_reproduction(Reproduction()).line == "– (no replay completed)"
 
 
 def test_a_proof_is_followed_until_its_last_replay(store, finished, check_page, prove, replayed):

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from tests.support.chart_tables import read_headings, read_rows
+from tests.support.chart_tables import read_data, read_headings, read_rows
 
-from eigenfail.values.analysis import Diversity, FailureMode
+from eigenfail.values.analysis import Diversity
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
-from eigenfail.values.disturbance import AXES
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import EpisodeRow, Page, Totals
 from eigenfail.values.scene import Scene
@@ -16,7 +15,6 @@ from eigenfail.values.summary import Course, CourseBlock
 from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.analysis_charts import pick_evenly
 from eigenfail_api.dashboard.analysis_page import (
-    describe_peak,
     make_coverage_tile,
     make_diversity_tiles,
 )
@@ -75,8 +73,9 @@ def blocks(*counts):
 def test_the_curve_draws_the_course():
     chart = make_curve_chart(blocks(0, 53))
     assert chart.title == "Learning curve"
-    assert (chart.data["middle"], chart.data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
-    assert chart.data["low"][1] < 53.0 < chart.data["high"][1]
+    data = read_data(chart)
+    assert (data["middle"], data["rate"]) == ([49.5, 149.5], [0.0, 53.0])
+    assert data["low"][1] < 53.0 < data["high"][1]
     assert read_rows(chart.table)[0] == ("0 – 99", "0", "100", "0 %", "[0, 2.96] %", "–", "4.50")
     assert read_rows(chart.table)[1][-2:] == ("−2.50", "4.50")
     assert len(read_headings(chart.table)) == len(read_rows(chart.table)[0])
@@ -227,14 +226,6 @@ def test_how_diverse_failures_are_in_figures():
     assert told["Effective modes"] == ("1.75", "of 2 clusters, small ones included")
     assert told["Largest mode"] == ("75.0 %", "of 40 failures")
     assert make_coverage_tile(found).value == "40 %"
-
-
-def test_the_peak_of_an_eigenfailure_in_words():
-    z = np.zeros((50, 2), np.float32)
-    z[10, 0], z[38, 1] = 1.0, -2.345
-    mode = FailureMode(3, 7, np.zeros(1, np.float32), z)
-    assert describe_peak(mode, AXES) == "2.3 sigma towards −y at step 38"
-    assert describe_peak(mode, ("gust", "bias")) == "2.3 sigma of negative bias at step 38"
 
 
 def test_the_nearest_vehicle_may_change():

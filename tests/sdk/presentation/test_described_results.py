@@ -370,8 +370,8 @@ def test_the_replays_and_the_course_of_a_function_have_no_metres():
     assert ["Robustness [m]" in each for each in headings] == [True, False]
     assert ["1/m²" in table.notes[0] for table, *_ in texts_of] == [True, False]
     assert [sentences[0].partition("(")[2] for _, *sentences in texts_of] == [
-        "nearest 0.500 m) in the same scenario.",
-        "nearest 0.500) in the same scenario.",
+        "smallest robustness 0.500 m) in the same scenario.",
+        "smallest robustness 0.500) in the same scenario.",
     ]
     course = Course(campaign=1, method="cem", heading="Learning curve", per=10, blocks=())
     last = [tabulate_course(course, unit)[1].columns[-1].heading for unit in ("m", "")]
