@@ -260,7 +260,9 @@ class PluginWorld(CampaignWorld):
     }
 
     def check(self, spec: CampaignSpec) -> None:
-        """Read the settings of the planner."""
+        """Look for the simulator, and read the settings of the planner."""
+        if spec.simulator not in plugins.names(plugins.SIMULATORS):
+            raise UnknownName("simulator", spec.simulator, list_simulators())
         self._read_planner(spec)
 
     def resolve_disturbance(self, described: Described) -> DisturbanceModel:

@@ -14,14 +14,14 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import BridgeOffer
 from eigenfail.contracts import MethodTraits, Reference
-from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, is_unsafe
+from eigenfail.errors import EigenfailError, InvalidValue, is_unsafe
 from eigenfail.methods import MethodDescription, describe_method
 from eigenfail.settings import LARGEST_INTEGER, convert, list_values
 from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
-from eigenfail.worlds import CampaignWorld, list_simulators, world_of
+from eigenfail.worlds import CampaignWorld, world_of
 from eigenfail_services.campaigns.rounds import limit_lookahead
 from eigenfail_services.methods import check_budget, explain_no_estimate
 
@@ -194,15 +194,13 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     # msgspec checks types and bounds only when it decodes: a spec that was made in Python has not
     # been checked.
     convert(msgspec.to_builtins(spec), CampaignSpec)
-    if spec.simulator not in list_simulators():
-        raise UnknownName("simulator", spec.simulator, list_simulators())
+    world = world_of(spec.simulator)
+    world.check(spec)
     method = resolve_method(spec.method, spec.settings)
     check_budget(method.settings, spec.episodes)
     searching = find_searching(method)
     if spec.stop.cv is not None:
         check_estimates(searching, "stop.cv")
-    world = world_of(spec.simulator)
-    world.check(spec)
     spec, form = world.resolve(spec)
     if searching.traits.needs_course:
         _check_course(spec, world)
