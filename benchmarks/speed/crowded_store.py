@@ -12,7 +12,9 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import Failures
 from eigenfail.values.scene import Scene
+from eigenfail.worlds import world_of
 from eigenfail_services.analysis.job import analyse
+from eigenfail_services.resolution import CampaignReferences
 from eigenfail_services.store.codec import pack, to_json
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.schema import campaigns, episodes, scenes
@@ -158,6 +160,8 @@ def campaign_row(number: int, method: str, size: int) -> dict[str, object]:
         "learning_s": size / 400.0,
         "waiting_s": size / 800.0,
         "discarded_s": 0.0,
+        "form": to_json(world_of(spec.simulator).find_form(spec)),
+        "references": to_json(CampaignReferences()),
     }
 
 

@@ -95,6 +95,7 @@ def create_campaigns() -> None:
         sa.Column("code", sa.Text()),
         sa.Column("archived_ms", sa.BigInteger()),
         sa.Column("form", sa.Text(), nullable=False),
+        sa.Column("references", sa.Text(), nullable=False),
         sa.PrimaryKeyConstraint("id", name="pk_campaigns"),
         sa.CheckConstraint(
             "completed + failed + cancelled <= planned", name=op.f("ck_campaigns_accounted")

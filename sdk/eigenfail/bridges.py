@@ -18,6 +18,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import CHANNELS_FIELD, EVERY, SCENARIO, split_name
 from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.requirements import FIELD, Formula
 from eigenfail.values.signals import BRIDGE
 from eigenfail.values.variation import Variation, read_variation
 
@@ -240,23 +241,22 @@ def refuse_too_many(given: Mapping[str, Any], field: str) -> None:
 
 
 def check_offer(offer: BridgeOffer, spec: CampaignSpec) -> None:
-    """Check that a bridge offers what the episodes of a campaign need, but for its signals.
+    """Check that a bridge offers what the episodes of a campaign need.
 
     Raises:
-        UnknownName: the bridge does not know the scenario, the planner, a parameter, a setting or a
-            channel; the known names are listed.
+        UnknownName: the bridge does not know the scenario, the planner, a parameter, a setting, a
+            channel or a signal; the known names are listed.
         InvalidValue: the scenario has fewer steps, or steps of another duration.
     """
     settings = read_plain(spec.planner_settings, "planner_settings")
     for corner in check(spec).corners():
-        named = msgspec.structs.asdict(corner)
-        steps, dt_s = int(named["steps"]), float(named["dt_s"])
-        demand = EpisodeDemand(
-            spec.scenario, spec.planner, select_bridge_parameters(corner), settings, steps, dt_s
-        )
+        parameters, steps, dt_s = select_bridge_parameters(corner), corner.steps, corner.dt_s
+        demand = EpisodeDemand(spec.scenario, spec.planner, parameters, settings, steps, dt_s)
         check_demand(offer, demand)
     names = (channel.name for channel in spec.disturbance.list_channels())
     check_channels(offer, [name for name in names if split_name(name).target != SCENARIO])
+    for field, signals in find_named_signals(spec).items():
+        check_signals(offer, signals, field)
 
 
 def check_demand(offer: BridgeOffer, demand: EpisodeDemand) -> None:
@@ -324,6 +324,22 @@ def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
             is_numbered and f"{EVERY}.{channel.quantity}" in offer.channels
         ):
             raise _make_unknown(offer, CHANNELS_FIELD, name, offer.channels)
+
+
+_SIGNAL = re.compile(rf"\b{BRIDGE}\.[A-Za-z_0-9]+")
+
+
+def find_named_signals(spec: CampaignSpec) -> dict[str, set[str]]:
+    """Return the signals of a bridge that the formulas of a campaign name, by field."""
+    judged: dict[str, object] = {
+        f"{FIELD}[{place}]": each for place, each in enumerate(spec.all_requirements)
+    }
+    judged["importance"] = spec.importance
+    return {
+        field: {*_SIGNAL.findall(each.formula)}
+        for field, each in judged.items()
+        if isinstance(each, Formula)
+    }
 
 
 def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requirements") -> None:

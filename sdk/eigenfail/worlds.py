@@ -4,7 +4,6 @@ A campaign names its world by `simulator`. All that differs between worlds is an
 nothing else compares names of simulators.
 """
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -261,7 +260,9 @@ class PluginWorld(CampaignWorld):
     }
 
     def check(self, spec: CampaignSpec) -> None:
-        """Read the settings of the planner."""
+        """Look for the simulator, and read the settings of the planner."""
+        if spec.simulator not in plugins.names(plugins.SIMULATORS):
+            raise UnknownName("simulator", spec.simulator, list_simulators())
         self._read_planner(spec)
 
     def resolve_disturbance(self, described: Described) -> DisturbanceModel:
@@ -414,24 +415,6 @@ class FunctionWorld(CampaignWorld):
         return True
 
 
-_BRIDGE_SIGNAL = re.compile(rf"\b{signals.BRIDGE}\.[A-Za-z_0-9]+")
-
-
-def _list_judged(spec: CampaignSpec) -> Iterator[tuple[str, object]]:
-    """Yield the requirements of a campaign and its importance, each with its field."""
-    for place, each in enumerate(spec.all_requirements):
-        yield f"{requirements.FIELD}[{place}]", each
-    if not isinstance(spec.importance, msgspec.UnsetType):
-        yield "importance", spec.importance
-
-
-def _find_bridge_signals(judged: object) -> set[str]:
-    """Return the names of the signals of a bridge in a formula; none where it is no formula."""
-    if not isinstance(judged, requirements.Formula):
-        return set()
-    return {*_BRIDGE_SIGNAL.findall(judged.formula)}
-
-
 class BridgeWorld(CampaignWorld):
     """A process behind a bridge, simulator and planner in one; see `eigenfail.bridges`."""
 
@@ -459,14 +442,12 @@ class BridgeWorld(CampaignWorld):
 
     def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return those that the campaign names; whether the bridge reports them it says later."""
-        named = (_find_bridge_signals(each) for _, each in _list_judged(spec))
-        return tuple(sorted(set().union(*named)))
+        named = bridges.find_named_signals(spec)
+        return tuple(sorted(set().union(*named.values())))
 
     def check_offer(self, spec: CampaignSpec, offer: bridges.BridgeOffer) -> None:
         """Check scenario, planner, parameters, settings, channels and signals."""
         bridges.check_offer(offer, spec)
-        for field, each in _list_judged(spec):
-            bridges.check_signals(offer, _find_bridge_signals(each), field)
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters that a bridge can receive."""

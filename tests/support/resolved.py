@@ -2,8 +2,9 @@
 
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.worlds import world_of
-from eigenfail_services.campaigns.validation import (
+from eigenfail_services.resolution import (
     ResolvedCampaign,
+    find_references,
     find_searching,
     resolve_method,
 )
@@ -13,4 +14,5 @@ def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
     """Load the method and the scenario of a campaign, and read their settings."""
     method = resolve_method(spec.method, spec.settings)
     form = world_of(spec.simulator).find_form(spec)
-    return ResolvedCampaign(spec, form, method, find_searching(method))
+    searching = find_searching(method)
+    return ResolvedCampaign(spec, form, find_references(searching), method, searching)

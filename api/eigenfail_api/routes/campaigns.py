@@ -177,7 +177,7 @@ def _launch(
     # A repeated request is answered as the first one was, whatever workers are connected now.
     if not store.campaigns.is_key_used(key):
         validation.check_offers(wanted, store.roster.list_offers)
-    made = store.campaigns.create(wanted.spec, key, made_by, wanted.form)
+    made = store.campaigns.create(wanted, key, made_by)
     return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
@@ -213,8 +213,7 @@ def create_campaigns(
     wanted = drafts.read_drafts(items, store)
     if not store.campaigns.is_list_key_used(idempotency_key):
         drafts.check_draft_offers(wanted, store)
-    specs, forms = [each.spec for each in wanted], [each.form for each in wanted]
-    made = store.campaigns.create_many(specs, idempotency_key, made_by, forms)
+    made = store.campaigns.create_many(wanted, idempotency_key, made_by)
     return parameters.Json(Page(made), 201)
 
 

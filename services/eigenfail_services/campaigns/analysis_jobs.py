@@ -27,9 +27,9 @@ from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
 from eigenfail_services.campaigns.mode_probability import add_probabilities
 from eigenfail_services.campaigns.references import refuse_missing
-from eigenfail_services.campaigns.validation import resolve_method
 from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.methods import find_first_sample
+from eigenfail_services.resolution import resolve_method
 from eigenfail_services.store.store import Store
 
 WORLD_FIELDS = (

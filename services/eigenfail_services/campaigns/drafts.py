@@ -15,7 +15,8 @@ from eigenfail.values.campaign import FINAL_STATES, Campaign
 from eigenfail.values.campaign_spec import MAX_EPISODES, CampaignSpec
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail_services.campaigns import validation
-from eigenfail_services.campaigns.references import check_has_knowledge, check_references
+from eigenfail_services.campaigns.references import check_references, find_knowledge
+from eigenfail_services.resolution import ResolvedCampaign
 from eigenfail_services.store.store import Store
 
 MOST_PROBLEMS = 100
@@ -54,7 +55,7 @@ BRACKETS = re.compile(r"\[[^\]]*\]")
 Fields = Mapping[str, Any]
 
 
-def validate_campaign(spec: CampaignSpec, store: Store) -> validation.ResolvedCampaign:
+def validate_campaign(spec: CampaignSpec, store: Store) -> ResolvedCampaign:
     """Resolve a campaign that can be launched if the connected bridges offer what it needs.
 
     Raises:
@@ -67,7 +68,7 @@ def validate_campaign(spec: CampaignSpec, store: Store) -> validation.ResolvedCa
     return campaign
 
 
-def read_draft(given: Fields, store: Store) -> validation.ResolvedCampaign:
+def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
     """Resolve a campaign, from its fields, as `validate_campaign` does.
 
     Raises:
@@ -78,7 +79,7 @@ def read_draft(given: Fields, store: Store) -> validation.ResolvedCampaign:
     return validate_campaign(read_fields(given, CampaignSpec), store)
 
 
-def read_drafts(given: Sequence[Any], store: Store) -> list[validation.ResolvedCampaign]:
+def read_drafts(given: Sequence[Any], store: Store) -> list[ResolvedCampaign]:
     """Resolve the campaigns that a list asks for, each from its fields.
 
     Raises:
@@ -92,14 +93,14 @@ def read_drafts(given: Sequence[Any], store: Store) -> list[validation.ResolvedC
     return [_read_item(item, f"[{place}]", store) for place, item in enumerate(given)]
 
 
-def _read_item(item: Any, where: str, store: Store) -> validation.ResolvedCampaign:
+def _read_item(item: Any, where: str, store: Store) -> ResolvedCampaign:
     if not isinstance(item, dict):
         raise InvalidValue(where, "is not an object with the fields of a campaign.")
     with move_errors(where):
         return read_draft(item, store)
 
 
-def check_draft_offers(campaigns: Iterable[validation.ResolvedCampaign], store: Store) -> None:
+def check_draft_offers(campaigns: Iterable[ResolvedCampaign], store: Store) -> None:
     """Check that the connected bridges offer what the campaigns of a list need.
 
     Raises:
@@ -157,7 +158,7 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     return tuple(found)
 
 
-def _find_misfits(campaign: validation.ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
+def _find_misfits(campaign: ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
     try:
         validation.check_offers(campaign, store.roster.list_offers)
     except InputError as error:
@@ -256,29 +257,15 @@ def list_continuations(campaign: Campaign) -> Iterator[Continuation]:
     """Return how a new campaign can build on this one; none before it has ended."""
     if campaign.state not in FINAL_STATES:
         return
-    for name, kind in _list_references(campaign.spec.method):
-        if kind in CONTINUATIONS:
-            yield Continuation(CONTINUATIONS[kind], {f"settings.{name}": campaign.id})
-    if _has_knowledge(campaign):
+    with contextlib.suppress(EigenfailError):  # its method is not installed, or learns nothing
+        known = describe_method(campaign.spec.method)
+        for name in known.settings_type.__struct_fields__:
+            kind = known.traits.references.get(name)
+            if kind in CONTINUATIONS:
+                yield Continuation(CONTINUATIONS[kind], {f"settings.{name}": campaign.id})
+        find_knowledge(campaign, "")
         changes = {"method": EVALUATE, "settings.campaign": campaign.id}
         yield Continuation("Use what it learnt, and learn no further.", changes)
-
-
-def _list_references(method: str) -> Iterator[tuple[str, Reference]]:
-    """Return the settings of a method that name campaigns; none where it is not installed here."""
-    with contextlib.suppress(EigenfailError):
-        known = describe_method(method)
-        for name in known.settings_type.__struct_fields__:
-            if name in known.traits.references:
-                yield name, known.traits.references[name]
-
-
-def _has_knowledge(campaign: Campaign) -> bool:
-    try:
-        check_has_knowledge(campaign, "")
-    except EigenfailError:
-        return False
-    return True
 
 
 def describe_repetition(spec: CampaignSpec) -> str:

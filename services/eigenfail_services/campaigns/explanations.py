@@ -150,8 +150,7 @@ def replay_episode(
         scene_every=1,
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, stored.seed)},
     )
-    checked = check_spec(wanted)
-    return store.campaigns.create(checked.spec, made_by=made_by, form=checked.form)
+    return store.campaigns.create(check_spec(wanted), made_by=made_by)
 
 
 PATIENCE_S = 60.0

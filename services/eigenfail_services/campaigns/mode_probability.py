@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from eigenfail import plugins
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import NoisePruned
 from eigenfail.methods import traits_of
@@ -22,6 +21,7 @@ from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.methods import subset
+from eigenfail_services.resolution import resolve_method
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.store.store import Store
@@ -103,9 +103,8 @@ def estimate_by_weights(
 ) -> ModeEstimates:
     """Estimate each mode by importance weights; the learner goes through all rounds again."""
     context = learner_context(campaign, store)
-    method = plugins.load(plugins.METHODS, campaign.spec.method)
-    settings = read_settings(method.Settings, campaign.spec.settings, "settings")
-    learner = method(context, settings)
+    method = resolve_method(campaign.spec.method, campaign.spec.settings)
+    learner = method.description.plugin(context, method.settings)
     sums, seen = [WeightedFailures()] * modes, 0
     for results in _list_rounds(store, campaign, learner):
         # The method estimates from the second half of its budget alone, and its modes from the same
@@ -153,9 +152,9 @@ def estimate_by_known_proposal(
     Nothing is learnt from results, so that each proposes what was proposed.
     """
     context = learner_context(campaign, store)
-    method = plugins.load(plugins.METHODS, campaign.spec.method)
-    settings = read_settings(method.Settings, campaign.spec.settings, "settings")
-    first, *others = learners = [method(context, settings) for _ in range(modes)]
+    method = resolve_method(campaign.spec.method, campaign.spec.settings)
+    make, settings = method.description.plugin, method.settings
+    first, *others = learners = [make(context, settings) for _ in range(modes)]
     for results in _list_rounds(store, campaign, first):
         for learner in others:
             learner.propose(len(results))

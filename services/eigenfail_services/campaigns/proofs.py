@@ -24,6 +24,7 @@ from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
+from eigenfail_services.resolution import ResolvedCampaign
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.store.codec import spec_hash
@@ -445,9 +446,7 @@ def _refuse_distributions(variations: Sequence[Parameters]) -> None:
                 raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
 
 
-def _check_replay(
-    replay: CampaignSpec, analysed: CampaignSpec, place: int
-) -> validation.ResolvedCampaign:
+def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> ResolvedCampaign:
     """Return the replay in a variation that can be launched.
 
     Raises:
@@ -494,7 +493,7 @@ def _make_replay(
 
 
 def _launch_replay(
-    store: Store, analysis: int, replay: validation.ResolvedCampaign, made_by: int | None
+    store: Store, analysis: int, replay: ResolvedCampaign, made_by: int | None
 ) -> None:
     """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
 
@@ -509,5 +508,5 @@ def _launch_replay(
     key = f"replay {lost} of analysis {analysis}: {spec_hash(spec)}"
     # After a crash between creation and link, the same request finds the campaign by its key and
     # links it.
-    launched = store.campaigns.create(spec, key, made_by, replay.form)
+    launched = store.campaigns.create(replay, key, made_by)
     store.analyses.link_replay(analysis, launched.id)

@@ -1,10 +1,11 @@
 """References in the settings of a campaign: noise, episodes and learners of earlier campaigns.
 
-They are checked once, before the campaign is created. What they name has ended by then: only its
-noise can still be lost. So the claim of a campaign reads it, as the context of the learner.
+They are checked once, before the campaign is created, and stored with it. What they name has ended
+by then: only its noise can still be lost. So the claim of a campaign reads what its row names, as
+the context of the learner.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ import numpy as np
 
 from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, ProtocolError
-from eigenfail.methods import describe_method, traits_of
+from eigenfail.methods import traits_of
 from eigenfail.values.analysis import Analysis, FailureMode
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import FINAL_STATES, Campaign, EpisodeForm
@@ -22,8 +23,9 @@ from eigenfail.values.episode import Outcome, learner_seed
 from eigenfail.values.learning import Experience, LearnerContext, Predecessor
 from eigenfail.values.proof import ReplayKind
 from eigenfail.worlds import world_of
-from eigenfail_services.campaigns import validation
+from eigenfail_services import resolution
 from eigenfail_services.campaigns.rounds import read_checkpoint
+from eigenfail_services.campaigns.validation import check_estimates, list_varied
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store.store import Store
@@ -42,10 +44,8 @@ AT_BIRTH = frozenset({Reference.OWN_LEARNER, Reference.EPISODES})
 FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 """Settings that name one failure: the first two together, or the last two."""
 
-LEARNERS = (Reference.LEARNER, Reference.OWN_LEARNER)
 
-
-def check_references(campaign: validation.ResolvedCampaign, store: "Store") -> None:
+def check_references(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
     """Make sure that everything that the settings of a campaign name can be used.
 
     Raises:
@@ -53,24 +53,35 @@ def check_references(campaign: validation.ResolvedCampaign, store: "Store") -> N
         InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
             nothing, is pruned, or has episodes of another length or with other channels.
     """
-    method = campaign.searching
-    for name, number in method.given_references(Reference.NOISE).items():
-        field = f"{method.field}.{name}"
-        with refuse_missing(field):
-            source = store.analyses.get(number).campaign if name == "analysis" else number
-            before = store.campaigns.get(source)
-        _check_channels(before, field, campaign.form.channels)
-    injects = method.traits.injects
-    if injects is Injection.FAILURES:
-        _check_failures(campaign, store)
+    references = campaign.references
+    _check_noise(campaign, store)
+    for field, number in references.learners.items():
+        _check_predecessor(campaign, field, number, store)
+    for field, numbers in references.data.items():
+        _check_data(campaign, field, numbers, store)
+
+
+def _check_noise(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
+    """Make sure that the noise that is injected exists, and means the same here.
+
+    Raises:
+        InvalidValue: it does not.
+    """
+    noise, searching = campaign.references.noise, campaign.searching
+    for name, number in (("analysis", noise.analysis), ("campaign", noise.campaign)):
+        if number is not None:
+            field = f"{searching.field}.{name}"
+            with refuse_missing(field):
+                source = store.analyses.get(number).campaign if name == "analysis" else number
+                before = store.campaigns.get(source)
+            _check_channels(before, field, campaign.form.channels)
+    injects = searching.traits.injects
+    if injects is Injection.FAILURES and noise.campaign is not None:
+        _check_failures(campaign, noise.campaign, store)
     if injects is Injection.ONE_FAILURE:
         _check_failure(campaign, store)
     if injects is Injection.TRAJECTORIES:
-        _check_trajectories(method, store)
-    for name, number in method.given_references(*LEARNERS).items():
-        _check_predecessor(campaign, name, number, store)
-    for name, numbers in method.given_references(Reference.EPISODES).items():
-        _check_data(campaign, f"{method.field}.{name}", numbers, store)
+        _check_trajectories(noise, searching.field, store)
 
 
 @contextmanager
@@ -82,52 +93,55 @@ def refuse_missing(field: str) -> Iterator[None]:
         raise InvalidValue(field, error.problem, error.remedy) from error
 
 
-def _check_trajectories(method: validation.ResolvedMethod, store: "Store") -> None:
+def _check_trajectories(noise: resolution.NamedNoise, field: str, store: "Store") -> None:
     """Check that the noise that a replay names exists.
 
     The failures of a whole campaign are not read: their number is not bounded.
+
+    Args:
+        noise: the noise.
+        field: where the settings that name it stand.
+        store: where it is.
 
     Raises:
         InvalidValue: nothing is named; or the analysis is not done, or has no mode or not the one
             that is named; or an episode has no result.
     """
-    settings = method.given
-    if settings.get("analysis") is None and settings.get("campaign") is None:
+    if noise.analysis is None and noise.campaign is None:
         problem = "they name neither an analysis nor a campaign whose noise is replayed."
-        raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
-    if settings.get("analysis") is None and not settings.get("episodes"):
+        raise InvalidValue(field, problem, 'Give "analysis", or "campaign".')
+    if noise.analysis is None and not noise.episodes:
         return
-    with refuse_missing(f"{method.field}.episodes"):
-        known = read_trajectories(method, store)
+    with refuse_missing(f"{field}.episodes"):
+        known = read_trajectories(noise, store)
     if not known:
         problem = "that analysis found no failure mode to replay."
-        raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
+        raise InvalidValue(f"{field}.analysis", problem, "Name one that has failure modes.")
 
 
-def _check_failure(campaign: validation.ResolvedCampaign, store: "Store") -> None:
+def _check_failure(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
     """Make sure that one failure is named, and that all replays will be in its scenario.
 
     Raises:
         InvalidValue: it is not exactly one; there is no such episode or mode; the episode did not
             end in a collision; or the scenario's parameters vary.
     """
-    method = campaign.searching
-    settings = method.given
-    named = {name for name in FAILURE_SETTINGS if settings.get(name) is not None}
+    noise, method = campaign.references.noise, campaign.searching
+    settings = method.settings
+    named = {each for each in FAILURE_SETTINGS if getattr(settings, each, None) is not None}
     if named not in ({"campaign", "episode"}, {"analysis", "mode"}):
         words = ", ".join(sorted(named)) or "nothing"
         remedy = 'Give "campaign" and "episode", or "analysis" and "mode", and nothing else.'
         raise InvalidValue(method.field, f"they name {words}, which is not one failure.", remedy)
-    if "episode" in named:
-        field = f"{method.field}.episode"
-        _check_collision(settings["campaign"], settings["episode"], field, store)
+    if noise.campaign is not None and noise.episode is not None:
+        _check_collision(noise.campaign, noise.episode, f"{method.field}.episode", store)
     # The noise is read only to refuse the campaign now if an analysis has no such mode.
-    read_trajectories(method, store)
+    read_trajectories(noise, store)
     for name in campaign.spec.disturbance.searched_parameters:
         problem = "is chosen by the noise, and minimal takes noise away that could be without."
         remedy = f"Leave out the channel scenario.{name}, and give the parameter a value."
         raise InvalidValue(f"scenario_parameters.{name}", problem, remedy)
-    for name in validation.list_varied(campaign.spec):
+    for name in list_varied(campaign.spec):
         raise InvalidValue(
             f"scenario_parameters.{name}",
             "varies, so that each replay would be in another scenario than the failure.",
@@ -145,14 +159,14 @@ def _check_collision(campaign: int, episode: int, field: str, store: "Store") ->
         raise InvalidValue(field, problem, remedy)
 
 
-def _check_failures(campaign: validation.ResolvedCampaign, store: "Store") -> None:
-    """Check that the named campaign has failures that can be injected here.
+def _check_failures(campaign: resolution.ResolvedCampaign, number: int, store: "Store") -> None:
+    """Check that an earlier campaign has failures that can be injected here.
 
     Raises:
         InvalidValue: it has not ended, has no failure, or has episodes of another length.
     """
     field = f"{campaign.searching.field}.campaign"
-    before = _find_ended(campaign.searching.given["campaign"], field, store)
+    before = _find_ended(number, field, store)
     if not before.counts.failures:
         problem = f"campaign {before.id} has no failure to start from."
         raise InvalidValue(field, problem, "Name a campaign with failures, such as one of ast.")
@@ -160,13 +174,13 @@ def _check_failures(campaign: validation.ResolvedCampaign, store: "Store") -> No
 
 
 def _check_predecessor(
-    campaign: validation.ResolvedCampaign, name: str, number: int, store: "Store"
+    campaign: resolution.ResolvedCampaign, field: str, number: int, store: "Store"
 ) -> None:
     """Make sure that the learner of an earlier campaign can be gone on with, or used.
 
     Args:
         campaign: the campaign that names it.
-        name: the setting that does.
+        field: the setting that does.
         number: id of the earlier campaign.
         store: where it is.
 
@@ -174,28 +188,26 @@ def _check_predecessor(
         UnknownName: its method is not installed here.
         InvalidValue: it has not ended, has other channels, or has learnt nothing of use.
     """
-    searching = campaign.searching
-    field = f"{searching.field}.{name}"
-    before = _find_ended(number, field, store)
+    searching, before = campaign.searching, _find_ended(number, field, store)
     _check_channels(before, field, campaign.form.channels)
-    if searching.traits.references[name] is Reference.OWN_LEARNER:
+    setting = field.removeprefix(f"{searching.field}.")
+    if searching.traits.references[setting] is Reference.OWN_LEARNER:
         if before.spec.method != searching.name:
             there = before.spec.method
             problem = f"campaign {before.id} is one of {there} and has no policy of"
             remedy = f"Name a campaign of {searching.name}."
             raise InvalidValue(field, f"{problem} {searching.name}.", remedy)
     else:
-        check_has_knowledge(before, field)
+        learnt = find_knowledge(before, field)
         if campaign.spec.stop.cv is not None and searching is campaign.method:
-            own = validation.resolve_method(before.spec.method, before.spec.settings)
-            validation.check_estimates(own, "stop.cv", of_exploits=True)
+            check_estimates(learnt, "stop.cv", of_exploits=True)
     # The state is read only to see that it can be read: a claim could not refuse the campaign any
     # more.
     _read_last_state(before, field, store)
 
 
 def _check_data(
-    campaign: validation.ResolvedCampaign, field: str, numbers: Sequence[int], store: "Store"
+    campaign: resolution.ResolvedCampaign, field: str, numbers: Sequence[int], store: "Store"
 ) -> None:
     """Make sure that a campaign can learn from the episodes of earlier ones.
 
@@ -284,53 +296,52 @@ def _find_ended(campaign: int, field: str, store: "Store") -> Campaign:
     return before
 
 
-def check_has_knowledge(before: Campaign, field: str) -> None:
-    """Make sure that a campaign's method has knowledge to be used.
+def find_knowledge(before: Campaign, field: str) -> resolution.ResolvedMethod:
+    """Return the method of an earlier campaign, whose knowledge is to be used.
 
     Raises:
         UnknownName: the method is not installed here.
-        InvalidValue: it has none.
+        InvalidValue: it has no knowledge to be used, or refuses its settings by now.
     """
     spec = before.spec
-    method = describe_method(spec.method)
-    if method.traits.has_members:
-        members = method.read_settings(spec.settings, "settings")
-        method = describe_method(members.method)
-    if not method.exploits:
+    method = resolution.resolve_method(
+        spec.method, spec.settings, f"settings of campaign {before.id}"
+    )
+    learning = resolution.find_searching(method)
+    if not learning.description.exploits:
         problem = (
-            f"campaign {before.id} is one of {method.name}, which learns nothing that could be"
+            f"campaign {before.id} is one of {learning.name}, which learns nothing that could be"
             " used."
         )
         raise InvalidValue(field, problem, "Name a campaign of a method that learns, such as ast.")
+    return method
 
 
 def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
     """Return what the learner of a campaign is given at its birth.
 
     Raises:
-        InputError: a plug-in of the campaign is gone or refuses its settings; or these name
-            trajectories, or a learner's state, that do not exist or are of no use.
+        InvalidValue: its settings name trajectories, or a learner's state, that do not exist or
+            are of no use.
         NotFound: its settings name a campaign, analysis or episode that does not exist.
     """
     # Without a form no length is known: the scenario was not installed when the campaign was made.
     if not campaign.form.steps:
         problem = "the length of its episodes was not known when the campaign was created."
         raise InvalidValue("scenario", problem, "Launch the campaign again.")
-    method = validation.find_searching(
-        validation.resolve_method(campaign.spec.method, campaign.spec.settings)
-    )
-    trajectories = read_trajectories(method, store)
-    learners = method.given_references(*LEARNERS)
+    # The method is not loaded to see what its settings name: that was stored when the campaign was
+    # created. If it is gone by now, or refuses them, the process of the learner says so.
+    references = store.campaigns.read_references(campaign.id)
+    trajectories = read_trajectories(references.noise, store)
     return LearnerContext(
         seed=learner_seed(campaign.spec.seed),
         episodes=campaign.spec.episodes,
         horizon=campaign.form.steps,
         trajectories=stack_noise(trajectories, campaign.form),
         predecessors=tuple(
-            _read_predecessor(number, f"{method.field}.{name}", store)
-            for name, number in learners.items()
+            _read_predecessor(number, field, store) for field, number in references.learners.items()
         ),
-        experience=read_experience(method, campaign.form, store),
+        experience=read_experience(references.data, campaign.form, store),
         parallel=campaign.spec.parallel,
     )
 
@@ -373,8 +384,8 @@ def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def read_trajectories(method: validation.ResolvedMethod, store: "Store") -> Sequence[Floats]:
-    """Return the noise trajectories that a method's settings name; none if they name none.
+def read_trajectories(noise: resolution.NamedNoise, store: "Store") -> Sequence[Floats]:
+    """Return the noise trajectories that settings name; none if they name none.
 
     An analysis counts before a campaign: a proof names both, the analysis for its modes.
 
@@ -382,27 +393,22 @@ def read_trajectories(method: validation.ResolvedMethod, store: "Store") -> Sequ
         InvalidValue: an analysis is not done, or has no such mode.
         NotFound: there is no such analysis or episode.
     """
-    named = method.given_references(Reference.NOISE)
-    if "analysis" in named:
-        return _read_analysed(method, store)
-    if "campaign" not in named:
+    if noise.analysis is not None:
+        return _read_analysed(store.analyses.get(noise.analysis), noise, store)
+    if noise.campaign is None:
         return ()
-    campaign, given = named["campaign"], method.given
-    episodes = given.get("episodes")
-    if given.get("episode") is not None:
-        episodes = (given["episode"],)
-    if not episodes:
-        return store.episodes.failures(campaign).noise
-    return [store.episodes.get(campaign, index).noise.z for index in episodes]
+    if not noise.indices:
+        return store.episodes.failures(noise.campaign).noise
+    return [store.episodes.get(noise.campaign, index).noise.z for index in noise.indices]
 
 
-def _read_analysed(method: validation.ResolvedMethod, store: "Store") -> Sequence[Floats]:
+def _read_analysed(
+    analysis: Analysis, noise: resolution.NamedNoise, store: "Store"
+) -> Sequence[Floats]:
     """Return the noise that stands for the modes of an analysis, kind by kind."""
-    analysis = store.analyses.get(method.given["analysis"])
-    modes = _choose_modes(analysis, method)
+    modes = _choose_modes(analysis, noise)
     found: list[Floats] = []
-    # A method that does not choose the kinds injects eigenfailures.
-    for kind in getattr(method.settings, "what", (ReplayKind.EIGENFAILURE,)):
+    for kind in noise.what:
         if kind is ReplayKind.EIGENFAILURE:
             found += [mode.eigenfailure for mode in modes]
         else:
@@ -411,13 +417,14 @@ def _read_analysed(method: validation.ResolvedMethod, store: "Store") -> Sequenc
     return found
 
 
-def _choose_modes(analysis: Analysis, method: validation.ResolvedMethod) -> Sequence[FailureMode]:
+def _choose_modes(analysis: Analysis, noise: resolution.NamedNoise) -> Sequence[FailureMode]:
     if analysis.result is None:
         problem = f"analysis {analysis.id} is {analysis.state} and has no eigenfailures."
         raise InvalidValue("settings.analysis", problem, "Wait for it, or launch another.")
     modes = analysis.result.modes
-    field = "mode" if method.given.get("mode") is not None else "modes"
-    numbers = (method.given["mode"],) if field == "mode" else method.given.get("modes", ())
+    field, numbers = "modes", noise.modes
+    if noise.mode is not None:
+        field, numbers = "mode", (noise.mode,)
     for number in numbers:
         if number > len(modes):
             problem = f"analysis {analysis.id} has {len(modes)} modes, and none of number {number}."
@@ -434,7 +441,7 @@ class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
 
 
 def read_experience(
-    method: validation.ResolvedMethod, form: EpisodeForm, store: "Store"
+    named: Mapping[str, Sequence[int]], form: EpisodeForm, store: "Store"
 ) -> Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
@@ -444,15 +451,20 @@ def read_experience(
     `MOST_NUMBERS`, it is the least robust, and an even sample of the others by robustness, as many
     of these as of those.
 
+    Args:
+        named: the earlier campaigns, by the path of the setting that names them.
+        form: length and channels of the campaign's own episodes.
+        store: where the earlier campaigns are.
+
     Raises:
         InvalidValue: the noise of one of them was pruned.
     """
     data = set[int]()
-    for name, numbers in method.given_references(Reference.EPISODES).items():
+    for field, numbers in named.items():
         data |= set(numbers)
         # Noise may have been pruned between the check of a campaign and its creation.
         for number in sorted(set(numbers)):
-            _refuse_pruned(number, f"{method.field}.{name}", store)
+            _refuse_pruned(number, field, store)
     if not data:
         return None
     completed = sorted(one for number in sorted(data) for one in _list_completed(number, store))

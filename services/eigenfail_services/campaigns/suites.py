@@ -120,7 +120,7 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
             resolved = validate_campaign(spec, store)
             validation.check_offers(resolved, list_offers)
             key = suites.make_member_key(spec)
-            checked.missing.append(request_one(resolved.spec, key, resolved.form))
+            checked.missing.append(request_one(resolved, key))
         except InputError as error:
             checked.problems[name] = error
     for member in suite.members:

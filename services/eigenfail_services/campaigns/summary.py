@@ -18,9 +18,9 @@ from eigenfail.values.summary import Conflicts, Course, Errored, MeanTime, Summa
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.campaigns.validation import find_searching, resolve_method
 from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
 from eigenfail_services.methods import Mixing, describe_reach
+from eigenfail_services.resolution import find_searching, resolve_method
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.errors import make_episode_error
 from eigenfail_services.store.roster import PRESENT_S

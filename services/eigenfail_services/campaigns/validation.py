@@ -4,7 +4,7 @@ References to earlier campaigns are checked in `references`; `drafts` does both.
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from math import ceil, isfinite
 from typing import Any
@@ -13,90 +13,18 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.bridges import BridgeOffer
-from eigenfail.contracts import MethodTraits, Reference
-from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, is_unsafe
-from eigenfail.methods import MethodDescription, describe_method
+from eigenfail.errors import EigenfailError, InvalidValue, is_unsafe
 from eigenfail.settings import LARGEST_INTEGER, convert, list_values
-from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import RESULT_RULES, CampaignSpec
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
-from eigenfail.worlds import CampaignWorld, list_simulators, world_of
+from eigenfail.worlds import CampaignWorld, world_of
+from eigenfail_services import resolution
 from eigenfail_services.campaigns.rounds import limit_lookahead
-from eigenfail_services.methods import check_budget, explain_no_estimate
+from eigenfail_services.methods import Particular, check_budget
 
 MOST_SPECS = 2_000
 """Specs whose defaults are kept. A page of releases reads as many campaigns, most of them alike."""
-
-
-class ResolvedMethod(msgspec.Struct, frozen=True):
-    """A method and its settings.
-
-    Attributes:
-        description: description of the method.
-        settings: read; an instance of the method's `Settings`.
-        given: the settings as the user gave them.
-        field: where these stand in the spec.
-    """
-
-    description: MethodDescription
-    settings: Any
-    given: Mapping[str, Any]
-    field: str
-
-    @property
-    def name(self) -> str:
-        """Return the name of the method."""
-        return self.description.name
-
-    @property
-    def traits(self) -> MethodTraits:
-        """Return the traits that the method declares."""
-        return self.description.traits
-
-    def given_references(self, *kinds: Reference) -> dict[str, Any]:
-        """Return the settings that name something to take these from, with what they name."""
-        return {
-            name: self.given[name]
-            for name, kind in self.traits.references.items()
-            if kind in kinds and self.given.get(name) is not None
-        }
-
-
-class ResolvedCampaign(msgspec.Struct, frozen=True):
-    """A campaign whose plug-ins are loaded and whose settings are read.
-
-    Attributes:
-        spec: as the user gave it.
-        form: length and channels of its episodes.
-        method: method that the spec names.
-        searching: the method that proposes noise: that of an ensemble's members, else `method`.
-    """
-
-    spec: CampaignSpec
-    form: EpisodeForm
-    method: ResolvedMethod
-    searching: ResolvedMethod
-
-
-def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings") -> ResolvedMethod:
-    """Load a method and read its settings.
-
-    Raises:
-        UnknownName: no such method, or it has no such setting.
-        InvalidValue: a setting outside its bounds.
-    """
-    description = describe_method(name)
-    return ResolvedMethod(description, description.read_settings(given, field), given, field)
-
-
-def find_searching(method: ResolvedMethod) -> ResolvedMethod:
-    """Return the method of an ensemble's members, or the method itself."""
-    # An ensemble only shares out the episodes: what noise means is up to its members.
-    if not method.traits.has_members:
-        return method
-    members = method.settings
-    return resolve_method(members.method, members.settings, f"{method.field}.settings")
 
 
 def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
@@ -121,11 +49,13 @@ def _fill_written(written: bytes) -> CampaignSpec:
 
 
 def _fill_method(spec: CampaignSpec) -> CampaignSpec:
-    settings = resolve_method(spec.method, spec.settings).settings
+    settings = resolution.resolve_method(spec.method, spec.settings).settings
     return replace(spec, settings=msgspec.to_builtins(settings))
 
 
-def check_estimates(method: ResolvedMethod, field: str, *, of_exploits: bool = False) -> None:
+def check_estimates(
+    method: resolution.ResolvedMethod, field: str, *, of_exploits: bool = False
+) -> None:
     """Make sure that a method estimates a probability under its settings.
 
     Args:
@@ -136,11 +66,11 @@ def check_estimates(method: ResolvedMethod, field: str, *, of_exploits: bool = F
     Raises:
         InvalidValue: it makes no estimate.
     """
-    known = method.description
+    known, settings = method.description, method.settings
     if not (known.weighs if of_exploits else known.estimates):
         problem = f"{method.name} estimates no probability."
         raise InvalidValue(field, problem, "Leave this rule out, or take a method that does.")
-    if why := explain_no_estimate(method.settings):
+    if isinstance(settings, Particular) and (why := settings.no_estimate()):
         problem = f"{method.name} estimates no probability here: {why}"
         raise InvalidValue(field, problem, "Or leave this rule out.")
 
@@ -163,7 +93,7 @@ def is_distribution(value: Any) -> bool:
 
 
 def check_offers(
-    campaign: ResolvedCampaign, list_offers: Callable[[], Iterable[BridgeOffer]]
+    campaign: resolution.ResolvedCampaign, list_offers: Callable[[], Iterable[BridgeOffer]]
 ) -> None:
     """Check that each bridge offers what a campaign needs, if it needs one.
 
@@ -180,7 +110,7 @@ def check_offers(
         world.check_offer(campaign.spec, offer)
 
 
-def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
+def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
     """Resolve a campaign whose values are all known to make sense; references are not looked for.
 
     Nothing heavy is loaded for it: neither the simulator nor what methods train with.
@@ -194,28 +124,27 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     # msgspec checks types and bounds only when it decodes: a spec that was made in Python has not
     # been checked.
     convert(msgspec.to_builtins(spec), CampaignSpec)
-    if spec.simulator not in list_simulators():
-        raise UnknownName("simulator", spec.simulator, list_simulators())
-    method = resolve_method(spec.method, spec.settings)
-    check_budget(method.settings, spec.episodes)
-    searching = find_searching(method)
-    if spec.stop.cv is not None:
-        check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
+    method = resolution.resolve_method(spec.method, spec.settings)
+    check_budget(method.settings, spec.episodes)
+    searching = resolution.find_searching(method)
+    references = resolution.find_references(searching)
+    if spec.stop.cv is not None:
+        check_estimates(searching, "stop.cv")
     spec, form = world.resolve(spec)
     if searching.traits.needs_course:
         _check_course(spec, world)
     if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:
         problem = "noise with a channel of the scenario, scaled, is of another scenario."
         raise InvalidValue("settings.scale", problem, "Replay it at scale 1.")
-    resolved = ResolvedCampaign(spec, form, method, searching)
+    resolved = resolution.ResolvedCampaign(spec, form, references, method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
     return resolved
 
 
-def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
+def _check_parallel(campaign: resolution.ResolvedCampaign, parallel: int) -> None:
     """Raise InvalidValue if a method waits for each round, or would have too many open."""
     searching = campaign.searching
     if not searching.traits.tolerates_delay:
@@ -241,7 +170,7 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
         )
 
 
-def _check_chains(campaign: ResolvedCampaign, chains: int, parallel: int) -> None:
+def _check_chains(campaign: resolution.ResolvedCampaign, chains: int, parallel: int) -> None:
     """Raise InvalidValue if chains are too few, or would be kept waiting by a stop rule."""
     name = campaign.searching.name
     if parallel > chains:
@@ -308,7 +237,7 @@ class RoundPace(msgspec.Struct, frozen=True):
     width: int | None = None
 
 
-def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
+def describe_stop_rules(campaign: resolution.ResolvedCampaign) -> Iterator[str]:
     """Return how late a campaign's stop rules may take effect, in sentences."""
     spec = campaign.spec
     rules = {name: limit for name, limit in spec.stop.given().items() if name in RESULT_RULES}
@@ -337,7 +266,7 @@ def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
         yield f"{judged}, of {size} episodes here: once {holds}, {more}"
 
 
-def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
+def find_pace(campaign: resolution.ResolvedCampaign) -> RoundPace | None:
     """Return the round sizes of the method, or of an ensemble's members; None if unknown."""
     searching = campaign.searching
     # How many learners share the episodes.

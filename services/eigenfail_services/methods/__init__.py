@@ -70,11 +70,6 @@ def check_budget(settings: Any, episodes: int) -> None:
         settings.check_budget(episodes)
 
 
-def explain_no_estimate(settings: Any) -> str:
-    """Return why a method that estimates a probability makes no estimate; empty if it does."""
-    return settings.no_estimate() if isinstance(settings, Particular) else ""
-
-
 def describe_reach(settings: Any) -> str:
     """Return the disturbances that a method cannot choose; empty if it can choose all."""
     return settings.reach() if isinstance(settings, Reaching) else ""

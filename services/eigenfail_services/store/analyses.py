@@ -26,7 +26,7 @@ from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.listing import contains_text
-from eigenfail_services.store.references import hold_noise
+from eigenfail_services.store.retention import hold_noise
 from eigenfail_services.store.schema import (
     analyses,
     mode_members,

@@ -1,6 +1,7 @@
 """Creation of campaigns, which a request that is repeated with its key does not repeat."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from hashlib import sha256
 
 import msgspec
@@ -11,12 +12,13 @@ from eigenfail.values.campaign import Campaign, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
 from eigenfail.worlds import world_of
+from eigenfail_services import resolution
 from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.campaign_rows import insert_campaign, name_campaign, read_campaign
 from eigenfail_services.store.codec import spec_hash
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import enqueue
-from eigenfail_services.store.references import hold_named_noise, refuse_pruned
+from eigenfail_services.store.retention import hold_noise, refuse_pruned
 from eigenfail_services.store.schema import idempotency_keys
 
 
@@ -24,45 +26,49 @@ class NewCampaign(msgspec.Struct, frozen=True):
     """A campaign to be created.
 
     Attributes:
-        spec: its spec.
-        form: length and channels of its episodes.
+        checked: its spec, and what was found out of it.
         key: idempotency key, with which it is created once; None without one.
         asked: SHA-256 of what the request with the key asks for.
     """
 
-    spec: CampaignSpec
-    form: EpisodeForm
+    checked: resolution.CheckedCampaign
     key: str | None
     asked: str
 
 
-def request_one(
-    spec: CampaignSpec, key: str | None = None, form: EpisodeForm | None = None
-) -> NewCampaign:
-    """Return the campaign that a request for one asks for; its form is found unless it is given."""
-    return NewCampaign(spec, form or _find_form(spec), key, spec_hash(spec))
+Wanted = CampaignSpec | resolution.CheckedCampaign
+"""A campaign that is wanted; of a spec alone, the rest is found where its plug-ins are known."""
 
 
-def request_many(
-    specs: Sequence[CampaignSpec], key: str | None, forms: Sequence[EpisodeForm] | None
-) -> list[NewCampaign]:
-    """Return the campaigns that a request for a list asks for; forms are found unless given."""
+def request_one(wanted: Wanted, key: str | None = None) -> NewCampaign:
+    """Return the campaign that a request for one asks for."""
+    checked = _find_rest(wanted)
+    return NewCampaign(checked, key, spec_hash(checked.spec))
+
+
+def request_many(wanted: Sequence[Wanted], key: str | None) -> list[NewCampaign]:
+    """Return the campaigns that a request for a list asks for."""
+    campaigns = list(map(_find_rest, wanted))
     # The hash is of the whole list: a list that only begins alike is another request.
-    asked = hash_specs(specs)
+    asked = hash_specs([each.spec for each in campaigns])
     return [
-        NewCampaign(spec, form, key and derive_key(key, place), asked)
-        for place, (spec, form) in enumerate(
-            zip(specs, forms or map(_find_form, specs), strict=True)
-        )
+        NewCampaign(each, key and derive_key(key, place), asked)
+        for place, each in enumerate(campaigns)
     ]
 
 
-def _find_form(spec: CampaignSpec) -> EpisodeForm:
-    """Return the form of a campaign's episodes; the default if its world is not known here."""
-    try:
-        return world_of(spec.simulator).find_form(spec)
-    except EigenfailError:
-        return EpisodeForm()
+def _find_rest(wanted: Wanted) -> resolution.CheckedCampaign:
+    """Return a campaign with what can be found out of it here, if no check has done so."""
+    if isinstance(wanted, resolution.CheckedCampaign):
+        return wanted
+    form, references = EpisodeForm(), resolution.CampaignReferences()
+    with suppress(EigenfailError):
+        form = world_of(wanted.simulator).find_form(wanted)
+    with suppress(EigenfailError):
+        references = resolution.find_references(
+            resolution.find_searching(resolution.resolve_method(wanted.method, wanted.settings))
+        )
+    return resolution.CheckedCampaign(wanted, form, references)
 
 
 def create_campaigns(
@@ -86,11 +92,14 @@ def _insert_queued(
         NoisePruned: a spec names an episode whose noise was pruned.
     """
     # The noise is held before it is checked: a pruning between the two steps would go unnoticed.
-    specs = [each.spec for each in wanted]
-    hold_named_noise(connection, specs)
-    refuse_pruned(connection, specs)
-    admit_campaigns(connection, made_by, specs)
-    made = tuple(insert_campaign(connection, each.spec, each.form, made_by) for each in wanted)
+    campaigns = [each.checked for each in wanted]
+    references = [each.references for each in campaigns]
+    if needed := frozenset[int]().union(*(each.noise_sources for each in references)):
+        hold_noise(connection, needed)
+    for each in references:
+        refuse_pruned(connection, each.noise)
+    admit_campaigns(connection, made_by, [each.spec for each in campaigns])
+    made = tuple(insert_campaign(connection, each, made_by) for each in campaigns)
     keys = [
         {"key": each.key, "spec_hash": each.asked, "campaign": campaign.id}
         for each, campaign in zip(wanted, made, strict=True)

@@ -7,10 +7,10 @@ from msgspec import UNSET
 from sqlalchemy import Connection, Select, bindparam, insert, select, update
 
 from eigenfail.errors import NotFound
-from eigenfail.values.campaign import Campaign, CampaignState, Counts, EpisodeForm
-from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.suite import suite_of
+from eigenfail_services.resolution import CheckedCampaign
 from eigenfail_services.store import codec
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import CHUNK
@@ -54,9 +54,10 @@ def name_campaign(campaign: Campaign) -> str:
 
 
 def insert_campaign(
-    connection: Connection, spec: CampaignSpec, form: EpisodeForm, made_by: int | None
+    connection: Connection, wanted: CheckedCampaign, made_by: int | None
 ) -> Campaign:
     """Insert the row of a queued campaign with no results, and return the campaign."""
+    spec = wanted.spec
     statement = (
         insert(campaigns)
         .values(
@@ -71,9 +72,10 @@ def insert_campaign(
             active_s=0.0,
             stopped_because="",
             suite=suite_of(spec.name),
-            # Stored, so that later campaigns and analyses compare rows: the scenario may be
+            # Stored, so that later campaigns, analyses and the claim read rows: a plug-in may be
             # another one by then, or gone.
-            form=codec.to_json(form),
+            form=codec.to_json(wanted.form),
+            references=codec.to_json(wanted.references),
             **dict.fromkeys(codec.OVERHEAD, 0.0),
             **count_columns(Counts(spec.episodes)),
         )

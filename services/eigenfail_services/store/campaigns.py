@@ -15,17 +15,18 @@ from eigenfail.values.campaign import (
     Campaign,
     CampaignFilter,
     CampaignState,
-    EpisodeForm,
     Overhead,
 )
-from eigenfail.values.campaign_spec import CampaignSpec, Priority
+from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import Job, JobKind, Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail.versions import describe_mixed
+from eigenfail_services.resolution import CampaignReferences
 from eigenfail_services.store import listing
 from eigenfail_services.store.campaign_creation import (
     NewCampaign,
+    Wanted,
     create_campaigns,
     derive_key,
     request_many,
@@ -39,7 +40,7 @@ from eigenfail_services.store.campaign_rows import (
     update_campaign,
 )
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json
+from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json, to_references
 from eigenfail_services.store.engine import StorePart
 from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue, fence, withdraw
@@ -63,48 +64,41 @@ class CampaignStore(StorePart):
     """Campaigns and their states."""
 
     def create(
-        self,
-        spec: CampaignSpec,
-        idempotency_key: str | None = None,
-        made_by: int | None = None,
-        form: EpisodeForm | None = None,
+        self, wanted: Wanted, idempotency_key: str | None = None, made_by: int | None = None
     ) -> Campaign:
         """Create a campaign, queued with a job; return the same one again for the same key.
 
         Args:
-            spec: the campaign's spec.
+            wanted: the campaign.
             idempotency_key: identifies this request for ever.
             made_by: id of the API key of the request, whose quotas apply.
-            form: length and channels of its episodes, where a check has found them already.
 
         Raises:
             IdempotencyMismatch: the key was used for another spec, whatever its priority.
             QuotaExceeded: the API key does not allow more.
         """
-        return self.create_all([request_one(spec, idempotency_key, form)], made_by)[0]
+        return self.create_all([request_one(wanted, idempotency_key)], made_by)[0]
 
     def create_many(
         self,
-        specs: Sequence[CampaignSpec],
+        wanted: Sequence[Wanted],
         idempotency_key: str | None = None,
         made_by: int | None = None,
-        forms: Sequence[EpisodeForm] | None = None,
     ) -> tuple[Campaign, ...]:
         """Create campaigns in this order, all or none; return the same ones for the same key.
 
         Keys of requests for one campaign are not known here, nor these there.
 
         Args:
-            specs: the campaigns' specs.
+            wanted: the campaigns.
             idempotency_key: identifies this request for ever.
             made_by: id of the API key of the request, whose quotas apply.
-            forms: length and channels of the episodes of each, if a check has found them already.
 
         Raises:
             IdempotencyMismatch: the key was used for another list of specs; none is created.
             QuotaExceeded: the API key does not allow all of them; none is created.
         """
-        return self.create_all(request_many(specs, idempotency_key, forms), made_by)
+        return self.create_all(request_many(wanted, idempotency_key), made_by)
 
     def create_all(
         self, wanted: Sequence[NewCampaign], made_by: int | None = None
@@ -176,6 +170,12 @@ class CampaignStore(StorePart):
             NotFound: no such campaign.
         """
         return self._database.read(read_campaign, campaign)
+
+    def read_references(self, campaign: int) -> CampaignReferences:
+        """Return what the settings of a campaign name, as it was found when it was created."""
+        query = select(campaigns.c.references).where(campaigns.c.id == campaign)
+        with self._database.reading() as connection:
+            return to_references(connection.execute(query).scalar_one())
 
     def page(
         self,

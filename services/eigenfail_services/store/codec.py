@@ -24,6 +24,7 @@ from eigenfail.values.records import EpisodeRow, FailureCourse, Page, assess, ma
 from eigenfail.values.scene import Scene
 from eigenfail.values.shapes import NoiseShape, PerChannel
 from eigenfail.worlds import list_channels
+from eigenfail_services.resolution import CampaignReferences
 
 
 class _Course(msgspec.Struct):
@@ -55,6 +56,7 @@ OVERHEAD = campaign.Overhead.__struct_fields__
 def to_json(
     value: AnalysisSettings
     | campaign.EpisodeForm
+    | CampaignReferences
     | Estimate
     | tuple[campaign.RunPart, ...]
     | tuple[Versions, ...],
@@ -127,6 +129,11 @@ def to_tags_text(tags: tuple[str, ...]) -> str | None:
     return msgspec.json.encode(tags).decode() if tags else None
 
 
+def to_references(text: str) -> CampaignReferences:
+    """Read from JSON what the settings of a campaign name."""
+    return msgspec.json.decode(text, type=CampaignReferences)
+
+
 def to_campaign(found: RowMapping) -> campaign.Campaign:
     """Return a campaign from its row."""
     values: dict[str, Any] = dict(found)
@@ -134,6 +141,7 @@ def to_campaign(found: RowMapping) -> campaign.Campaign:
     values.pop("suite")  # it is in the name
     values.pop("made_by")
     values.pop("planner_version")  # it is in the spec
+    values.pop("references")  # they follow from the spec, for who has the plug-ins
     project, tags = values.pop("project"), values.pop("tags")
     priority = Priority(values.pop("priority"))
     spec = msgspec.structs.replace(

@@ -25,7 +25,7 @@ from eigenfail_services.store.engine import StorePart, chunks
 from eigenfail_services.store.errors import make_episode_error, make_pruned_error
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.judging import Kept, judge, make_rows
-from eigenfail_services.store.references import select_pruned_ms
+from eigenfail_services.store.retention import select_pruned_ms
 
 ROWS_AT_A_TIME = 5_000
 

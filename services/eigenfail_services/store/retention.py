@@ -1,21 +1,34 @@
-"""Pruning: noise and scenes that are deleted to make room, and the record of it."""
+"""Pruning: noise and scenes that are deleted to make room, and the record of it.
 
+Noise is kept while a campaign or an analysis that has not ended needs it.
+"""
+
+from collections.abc import Collection
 from typing import Any
 
 import sqlalchemy as sa
 
 from eigenfail.errors import Conflict
-from eigenfail.values.campaign import FINAL_STATES
+from eigenfail.values.analysis import AnalysisState
+from eigenfail.values.campaign import FINAL_STATES, CampaignState
 from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
+from eigenfail_services.resolution import NamedNoise
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import StructRows
-from eigenfail_services.store.engine import StorePart
-from eigenfail_services.store.errors import make_running_error
+from eigenfail_services.store.codec import StructRows, to_references
+from eigenfail_services.store.engine import StorePart, chunks
+from eigenfail_services.store.errors import make_pruned_error, make_running_error
 from eigenfail_services.store.events import append_event
-from eigenfail_services.store.references import find_noise_in_use
-from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
+from eigenfail_services.store.schema import (
+    analyses,
+    campaigns,
+    episode_index,
+    episodes,
+    prunings,
+    scenes,
+    trajectories,
+)
 
 SLICE = 2_000
 """Episodes that lose their noise in one transaction, for which others who write have to wait.
@@ -24,6 +37,21 @@ SLICE = 2_000
 NOISE = (trajectories.c.campaign == episodes.c.campaign) & (
     trajectories.c["index"] == episode_index
 )
+
+
+def _is_losable(campaign: Any, rule: Any) -> sa.ColumnElement[bool]:
+    """Return whether an episode of a campaign loses its noise to a rule: values, or columns."""
+    return sa.and_(
+        episodes.c.campaign == campaign,
+        episodes.c.outcome == Outcome.SAFE,
+        episodes.c.source == rule.source,
+        episode_index % rule.keep_every != 0,
+    )
+
+
+NOISE_PRUNED = (prunings.c.through >= episode_index) & _is_losable(prunings.c.campaign, prunings.c)
+"""Whether an episode has lost its noise to a pruning: as `Pruning.took` says."""
+
 _SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
 _BYTES = (
     sa.func.length(trajectories.c.z)
@@ -34,6 +62,9 @@ _BYTES = (
 )
 _HAS_SCENE = scenes.c.campaign.is_not(None)
 _ROWS = StructRows(prunings, Pruning)
+
+OPEN = frozenset(CampaignState) - FINAL_STATES
+UNFINISHED = frozenset({AnalysisState.QUEUED, AnalysisState.RUNNING})
 
 
 class RetentionStore(StorePart):
@@ -50,7 +81,7 @@ class RetentionStore(StorePart):
             sa.func.count(scenes.c.campaign),
             sa.func.coalesce(sa.func.sum(_BYTES), 0),
         )
-        query = _select_with_blobs(*sums).where(*_is_losable(campaign, rule))
+        query = _select_with_blobs(*sums).where(_is_losable(campaign, rule))
         with self._database.reading() as connection:
             read_campaign(connection, campaign)
             counted, sights, size = connection.execute(query).one()
@@ -114,17 +145,6 @@ def _select_with_blobs(*columns: sa.ColumnElement[Any]) -> Any:
     )
 
 
-def _is_losable(campaign: int, rule: Retention) -> tuple[sa.ColumnElement[bool], ...]:
-    return (
-        episodes.c.campaign == campaign,
-        # These conditions are those of `NOISE_PRUNED`. Noise that is missing and that no pruning
-        # explains counts as a defect.
-        episodes.c.outcome == Outcome.SAFE,
-        episodes.c.source == rule.source,
-        episode_index % rule.keep_every != 0,
-    )
-
-
 def _next_slice(
     connection: sa.Connection, campaign: int, rule: Retention, begun: int | None
 ) -> list[Any]:
@@ -134,7 +154,7 @@ def _next_slice(
     )
     query = (
         _select_with_blobs(episode_index, _BYTES.label("bytes"), _HAS_SCENE.label("has_scene"))
-        .where(*_is_losable(campaign, rule), episode_index > last.scalar_subquery())
+        .where(_is_losable(campaign, rule), episode_index > last.scalar_subquery())
         .order_by(episode_index)
         .limit(SLICE)
     )
@@ -179,3 +199,51 @@ def _record_slice(connection: sa.Connection, begun: int, found: list[Any]) -> Pr
     )
     (pruning,) = _ROWS.list(connection, change.returning(prunings))
     return pruning
+
+
+def find_noise_in_use(connection: sa.Connection, campaign: int | None = None) -> frozenset[int]:
+    """Return the campaigns whose noise a running campaign or analysis still needs.
+
+    Args:
+        connection: connection of a transaction that holds the campaign against new uses.
+        campaign: if given, only analyses of this campaign are considered.
+    """
+    mine = () if campaign is None else (analyses.c.campaign == campaign,)
+    read = sa.select(analyses.c.campaign).where(*mine, analyses.c.state.in_(UNFINISHED))
+    named = sa.select(campaigns.c.references).where(campaigns.c.state.in_(OPEN))
+    sources = [to_references(text).noise_sources for text in connection.execute(named).scalars()]
+    return frozenset(connection.execute(read).scalars()).union(*sources)
+
+
+def hold_noise(connection: sa.Connection, wanted: Collection[int]) -> None:
+    """Keep these campaigns from losing noise until the transaction ends."""
+    held = sa.select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
+    # A shared lock (FOR SHARE): several transactions may need the same noise, and a pruning, which
+    # locks the row for itself, waits for all of them.
+    connection.execute(held.with_for_update(read=True)).all()
+
+
+def select_pruned_ms() -> sa.ScalarSelect[int]:
+    """Select the time when an episode lost its noise; NULL if the noise is stored."""
+    return (
+        sa.select(sa.func.min(prunings.c.pruned_ms))
+        .where(NOISE_PRUNED)
+        .correlate(episodes)
+        .scalar_subquery()
+    )
+
+
+def refuse_pruned(connection: sa.Connection, noise: NamedNoise) -> None:
+    """Refuse noise of episodes that are named one by one, if it was pruned.
+
+    Raises:
+        NoisePruned: an episode that is named has lost its noise.
+    """
+    if noise.campaign is None:
+        return
+    found = sa.select(episode_index, episodes.c.source, select_pruned_ms().label("at_ms"))
+    query = found.where(episodes.c.campaign == noise.campaign)
+    for some in chunks(noise.indices):
+        for index, source, at_ms in connection.execute(query.where(episode_index.in_(some))):
+            if at_ms is not None:
+                raise make_pruned_error(noise.campaign, index, source, at_ms)

@@ -110,6 +110,7 @@ campaigns = sa.Table(
     sa.Column("code", sa.Text),  # JSON; none where no worker has described it
     sa.Column("archived_ms", sa.BigInteger),
     sa.Column("form", sa.Text, nullable=False),  # JSON
+    sa.Column("references", sa.Text, nullable=False),  # JSON
     sa.CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     sa.Index(None, "state", "id"),
     sa.Index(None, "suite", "id"),

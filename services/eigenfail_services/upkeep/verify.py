@@ -26,8 +26,7 @@ from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.store import migrate as schema
 from eigenfail_services.store.engine import Database, find_backend, read_kind
 from eigenfail_services.store.jobs import LEASE_OVER, NOT_DEAD, SUBJECTS
-from eigenfail_services.store.references import NOISE_PRUNED
-from eigenfail_services.store.retention import NOISE
+from eigenfail_services.store.retention import NOISE, NOISE_PRUNED
 from eigenfail_services.store.schema import (
     campaigns,
     checkpoints,

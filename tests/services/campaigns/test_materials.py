@@ -28,6 +28,10 @@ WORLD = {"planner": "idm", "simulator": "point_mass"}
 CEM = {"method": "cem", "settings": {"batch": 10}}
 
 
+def make_spec(**fields) -> CampaignSpec:
+    return CampaignSpec(**{"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields)
+
+
 class House:
     """A store, and campaigns that are run in this process as the service runs them."""
 
@@ -35,9 +39,7 @@ class House:
         self.store = store
 
     def create(self, **fields) -> int:
-        spec = CampaignSpec(
-            **{"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
-        )
+        spec = make_spec(**fields)
         references.check_references(resolve_campaign(spec), self.store)
         return self.store.campaigns.create(spec).id
 
@@ -231,7 +233,7 @@ def data(numbers, **fields) -> CampaignSpec:
 def experience_of(spec: CampaignSpec, store):
     found = resolve_campaign(spec)
     references.check_references(found, store)
-    return references.read_experience(found.searching, found.form, store)
+    return references.read_experience(found.references.data, found.form, store)
 
 
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:
@@ -392,7 +394,7 @@ def test_what_searches_in_an_ensemble_are_its_members() -> None:
     inner = {"method": "cem", "settings": {"batch": 4}}
     spec = CampaignSpec(name="t", method="ensemble", settings=inner, episodes=9)
     found = resolve_campaign(spec).searching
-    assert (found.name, found.given) == ("cem", {"batch": 4})
+    assert (found.name, found.settings.batch) == ("cem", 4)
     assert found.field == "settings.settings"
 
 
@@ -407,6 +409,29 @@ def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:
     context = memory.context(memory.create(method="replay", settings=settings))
     assert context.trajectories.shape == (2, 100, 2)
     assert context.predecessors == ()
+
+
+def test_a_claim_reads_what_was_stored_and_loads_no_method(house: House, monkeypatch) -> None:
+    replayed = house.run(episodes=3)
+    data = house.run(episodes=4, seed=1)
+    several = {"method": "difs", "settings": {"data_from": [data]}}
+    wanted = (
+        {"method": "replay", "settings": {"campaign": replayed, "episodes": [0, 2]}},
+        {"method": "minimal", "settings": {"campaign": replayed, "episode": 1}},
+        {"method": "ensemble", "settings": {**several, "members": 2}, "episodes": 60},
+    )
+    made = [house.store.campaigns.create(make_spec(**fields)).id for fields in wanted]
+
+    def refuse(group: str, name: str) -> None:
+        raise AssertionError(f"{name} of {group} is loaded")
+
+    monkeypatch.setattr(plugins, "load", refuse)
+    replay, minimal, ensemble = map(house.context, made)
+    noise = [result.noise.z for result in house.results(replayed)]
+    np.testing.assert_array_equal(replay.trajectories[1][: len(noise[2])], noise[2])
+    np.testing.assert_array_equal(minimal.trajectories[0][: len(noise[1])], noise[1])
+    assert (len(replay.trajectories), len(minimal.trajectories)) == (2, 1)
+    assert len(ensemble.experience.steps) == 4
 
 
 def test_a_learner_without_a_known_length_of_episodes_is_refused(house):

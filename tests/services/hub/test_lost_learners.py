@@ -303,3 +303,22 @@ def test_one_that_hangs_again_ends_the_campaign(house: House) -> None:
     ended = house.ended(campaign)
     assert ended.state is CampaignState.DEAD
     assert "--learner-limit" in ended.stopped_because
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "told"),
+    [
+        ("gone", {}, "'gone' is not known"),
+        ("straying", {"gone": 1}, "gone"),
+        ("ensemble", {"method": "gone"}, "gone"),
+    ],
+)
+def test_a_method_that_is_gone_or_refuses_its_settings_ends_its_campaign(
+    house: House, method: str, settings: dict, told: str
+) -> None:
+    """It was there when the campaign was created, and the claim does not look for it again."""
+    spec = CampaignSpec(name="t", method=method, episodes=20, settings=settings)
+    ended = house.ended(house.store.campaigns.create(spec).id)
+    assert ended.state is CampaignState.DEAD
+    assert told in ended.stopped_because
+    assert house.losses(ended.id) == []

@@ -1,17 +1,23 @@
 """Campaigns that are made once for each key, and what their settings may be."""
 
-from contextlib import closing
+from contextlib import closing, suppress
+from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from eigenfail.errors import InvalidValue
+from eigenfail.methods import UNDECLARED, MethodDescription
 from eigenfail.testing.examples import spec
+from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
+from eigenfail.values.proof import ReplayKind
+from eigenfail_services import resolution
 from eigenfail_services.store.campaign_creation import derive_key, hash_specs
-from eigenfail_services.store.codec import spec_text
-from eigenfail_services.store.references import find_named_campaigns, find_named_episodes
+from eigenfail_services.store.codec import spec_text, to_json, to_references
 from eigenfail_services.store.store import open_store
 
 
@@ -55,13 +61,47 @@ ANYTHING = st.recursive(
 )
 
 
-@given(st.dictionaries(st.sampled_from(["campaign", "data_from", "episode", "episodes"]), ANYTHING))
-@example({"campaign": "a", "episode": {"of": 1}, "episodes": 3})
-@example({"campaign": 2**63, "episode": [1, 2], "episodes": [[1]]})
+class Undeclared:
+    """A user's method that does not say what its settings name."""
+
+    class Settings(msgspec.Struct, frozen=True):
+        analysis: Any = None
+        campaign: Any = None
+        data_from: Any = None
+        episode: Any = None
+        episodes: Any = ()
+
+
+def references_of(settings: dict) -> resolution.CampaignReferences:
+    description = MethodDescription("x", Undeclared, UNDECLARED, False, False, False, 1)
+    method = resolution.ResolvedMethod(description, Undeclared.Settings(**settings), "settings")
+    return resolution.find_references(method)
+
+
+@given(st.dictionaries(st.sampled_from(Undeclared.Settings.__struct_fields__), ANYTHING))
+@example({"campaign": 2**63, "episode": 1, "episodes": [1]})
+@example({"analysis": 1, "data_from": [2, 3]})
 def test_settings_may_be_called_as_those_of_a_replay_and_be_anything(settings: dict) -> None:
-    campaign, episodes = find_named_episodes(settings)
-    for found in ({campaign} - {None}, episodes, {*find_named_campaigns(settings)}):
-        assert all(type(each) is int and 0 <= each < 2**63 for each in found)
+    """What is no reference is refused; whatever is stored can be read."""
+    with suppress(InvalidValue):
+        found = references_of(settings)
+        assert to_references(to_json(found)) == found
+        assert all(type(each) is int for each in found.noise_sources)
+
+
+@pytest.mark.parametrize(
+    ("settings", "field"),
+    [
+        ({"campaign": "a", "episode": {"of": 1}}, "settings.campaign"),
+        ({"campaign": True}, "settings.campaign"),
+        ({"campaign": 1, "episodes": 3}, "settings.episodes"),
+        ({"data_from": 2.5}, "settings.data_from"),
+    ],
+)
+def test_a_setting_that_names_nothing_is_refused_by_its_name(settings: dict, field: str) -> None:
+    with pytest.raises(InvalidValue) as refused:
+        references_of(settings)
+    assert refused.value.field == field
 
 
 @pytest.mark.parametrize("url", ["sqlite_url", "prepared_postgres_url"])
@@ -70,3 +110,19 @@ def test_a_campaign_with_such_settings_is_queued(url: str, request) -> None:
     with closing(open_store(request.getfixturevalue(url))) as store:
         for settings in (wild, {"campaign": 2**64, "episodes": "ab"}):
             assert store.campaigns.create(spec(settings=settings)).state == "queued"
+
+
+@pytest.mark.parametrize("url", ["sqlite_url", "prepared_postgres_url"])
+def test_what_a_check_found_is_stored_with_the_campaign(url: str, request) -> None:
+    asked = spec(method="difs", settings={"data_from": [2]})
+    form = EpisodeForm(7, 0.5, ("there",))
+    noise = resolution.NamedNoise(analysis=4, mode=1, what=(ReplayKind.MEDOID,))
+    references = resolution.CampaignReferences(noise, {"settings.a": 1}, {"settings.b": (2, 3)})
+    with closing(open_store(request.getfixturevalue(url))) as store:
+        checked = resolution.CheckedCampaign(asked, form, references)
+        made = (store.campaigns.create(checked), *store.campaigns.create_many([checked, asked]))
+        assert [each.spec for each in made] == [asked] * 3
+        assert [each.form for each in made[:2]] == [form] * 2
+        found = [store.campaigns.read_references(each.id) for each in made]
+    assert found[:2] == [references] * 2
+    assert (found[2].data, found[2].noise_sources) == ({"settings.data_from": (2,)}, {2})

@@ -81,7 +81,7 @@ def test_a_campaign_cannot_learn_from_what_is_gone(sqlite_url) -> None:
             check_references(resolve_campaign(wanted), store)
         found = resolve_campaign(wanted)
         with pytest.raises(InvalidValue, match=refused):  # created although it was pruned meanwhile
-            read_experience(found.searching, found.form, store)
+            read_experience(found.references.data, found.form, store)
 
 
 def really_run(store: Store) -> None:

@@ -104,16 +104,16 @@ def test_only_what_is_meant_is_pruned(filled) -> None:
 
 
 @pytest.mark.parametrize(
-    "settings",
+    ("method", "settings"),
     [
-        {"data_from": [1]},
-        {"campaign": 1, "episodes": [2]},
-        {"method": "difs", "settings": {"data_from": [1]}},
+        ("difs", {"data_from": [1]}),
+        ("replay", {"campaign": 1, "episodes": [2]}),
+        ("ensemble", {"method": "difs", "settings": {"data_from": [1]}}),
     ],
 )
-def test_what_another_campaign_still_needs_is_left_alone(filled, settings) -> None:
+def test_what_another_campaign_still_needs_is_left_alone(filled, method, settings) -> None:
     with closing(open_store(filled)) as store:
-        other = store.campaigns.create(spec(settings=settings)).id
+        other = store.campaigns.create(spec(method=method, settings=settings)).id
     found = prune(filled, FIFTHS, EVERYTHING)
     assert (found.campaigns, found.in_use) == ((), (1,))
     with closing(open_store(filled)) as store:

@@ -1,0 +1,154 @@
+"""Campaigns as their plug-ins were found: the method with its settings, and what these name.
+
+Nothing heavy is loaded for it: neither the database nor what methods train with.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from eigenfail.contracts import MethodTraits, Reference
+from eigenfail.methods import MethodDescription, describe_method
+from eigenfail.settings import convert
+from eigenfail.values.campaign import EpisodeForm
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.proof import ReplayKind
+
+
+class ResolvedMethod(msgspec.Struct, frozen=True):
+    """A method and its settings.
+
+    Attributes:
+        description: description of the method.
+        settings: an instance of the method's `Settings`.
+        field: where these stand in the spec.
+    """
+
+    description: MethodDescription
+    settings: Any
+    field: str
+
+    @property
+    def name(self) -> str:
+        """Return the name of the method."""
+        return self.description.name
+
+    @property
+    def traits(self) -> MethodTraits:
+        """Return the traits that the method declares."""
+        return self.description.traits
+
+
+def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings") -> ResolvedMethod:
+    """Load a method and read its settings.
+
+    Raises:
+        UnknownName: no such method, or it has no such setting.
+        InvalidValue: a setting outside its bounds.
+    """
+    description = describe_method(name)
+    return ResolvedMethod(description, description.read_settings(given, field), field)
+
+
+def find_searching(method: ResolvedMethod) -> ResolvedMethod:
+    """Return the method of an ensemble's members, or the method itself."""
+    # An ensemble only shares out the episodes: what noise means is up to its members.
+    if not method.traits.has_members:
+        return method
+    members = method.settings
+    return resolve_method(members.method, members.settings, f"{method.field}.settings")
+
+
+class NamedNoise(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Noise of earlier episodes that is injected again, under the names of the settings.
+
+    Attributes:
+        analysis: id of the analysis whose modes are meant; it counts before the campaign.
+        mode: number of a mode, counted from 1; None if `modes` says which.
+        modes: numbers of modes, counted from 1; all of them if it is empty.
+        what: kinds of noise that stand for a mode.
+        campaign: id of the campaign whose episodes are meant.
+        episode: index of an episode; None if `episodes` says which.
+        episodes: indices of episodes; all failures if it is empty.
+    """
+
+    analysis: int | None = None
+    mode: int | None = None
+    modes: tuple[int, ...] = ()
+    what: tuple[ReplayKind, ...] = (ReplayKind.EIGENFAILURE,)
+    campaign: int | None = None
+    episode: int | None = None
+    episodes: tuple[int, ...] = ()
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """The indices of the episodes that are named one by one."""
+        return self.episodes if self.episode is None else (self.episode,)
+
+
+class CampaignReferences(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What the settings of a campaign name of earlier campaigns.
+
+    Attributes:
+        noise: what is injected again.
+        learners: campaigns whose learners are used or gone on with, by the path of the setting.
+        data: campaigns whose episodes are learnt from, by the path of the setting.
+    """
+
+    noise: NamedNoise = NamedNoise()
+    learners: dict[str, int] = {}
+    data: dict[str, tuple[int, ...]] = {}
+
+    @property
+    def noise_sources(self) -> frozenset[int]:
+        """The campaigns whose noise is injected or learnt from."""
+        injected = () if self.noise.campaign is None else (self.noise.campaign,)
+        return frozenset(injected).union(*self.data.values())
+
+
+def find_references(method: ResolvedMethod) -> CampaignReferences:
+    """Return what the settings of the method that proposes noise name of earlier campaigns.
+
+    Raises:
+        InvalidValue: a setting does not name what the method takes it for.
+    """
+    given: dict[str, Any] = msgspec.to_builtins(method.settings)
+    noise, learners, data = NamedNoise(), {}, {}
+    for name, kind in method.traits.references.items():
+        value, field = given.get(name), f"{method.field}.{name}"
+        if value is None or value == ():
+            continue
+        if kind is Reference.NOISE:
+            noise = convert(given, NamedNoise, method.field)
+        elif kind is Reference.EPISODES:
+            data[field] = convert(value, tuple[int, ...], field)
+        else:
+            learners[field] = convert(value, int, field)
+    return CampaignReferences(noise, learners, data)
+
+
+class CheckedCampaign(msgspec.Struct, frozen=True):
+    """A campaign with what is found out of it before it is created, and stored with it.
+
+    Attributes:
+        spec: its spec.
+        form: length and channels of its episodes.
+        references: what its settings name of earlier campaigns.
+    """
+
+    spec: CampaignSpec
+    form: EpisodeForm
+    references: CampaignReferences
+
+
+class ResolvedCampaign(CheckedCampaign, frozen=True):
+    """A campaign whose plug-ins are loaded and whose settings are read.
+
+    Attributes:
+        method: method that the spec names.
+        searching: the method that proposes noise: that of an ensemble's members, else `method`.
+    """
+
+    method: ResolvedMethod
+    searching: ResolvedMethod
