@@ -171,7 +171,10 @@ def find_horizon(env: Environment, parameters: GymnasiumParameters) -> int:
     if parameters.steps is not None:
         return parameters.steps
     if is_road(env) and "duration" in unwrapped.config:
-        return max(round(unwrapped.config["duration"] * unwrapped.config["policy_frequency"]), 1)
+        decisions = float(unwrapped.config["duration"]) * float(
+            unwrapped.config["policy_frequency"]
+        )
+        return max(round(decisions), 1)
     told = env.spec.max_episode_steps if env.spec else None
     if told is None:
         problem = f"'{parameters.env}' has no horizon of its own."
