@@ -4,6 +4,7 @@
 scenario, `every.speed` of each of them, with noise of its own, and `ego.speed` of the ego itself.
 `delay` is how old the other vehicles are perceived, the same for a whole episode.
 `scenario.distance_m` is no error: it makes the draw of that parameter a part of the search.
+`observation.3` is an error of a number that a simulator names so.
 """
 
 import re
@@ -22,7 +23,9 @@ CHANNELS_FIELD = "disturbance.channels"
 MOST_CHANNELS = 50
 
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
-"""Targets of a channel, before the dot; vehicles are numbered from 1."""
+OBSERVATION = "observation"
+"""Targets of a channel, before the dot; vehicles are numbered from 1. What the observation of an
+environment holds, a simulator names itself."""
 
 MISSED, GHOST, SWAPPED = "missed", "ghost", "swapped"
 """The events: a vehicle is not detected; something is detected that is not there; the numbers of
@@ -71,6 +74,11 @@ campaign substitutes those of its sensor."""
 PARAMETER_QUANTITY = Quantity("", None, None, (SCENARIO,))
 """A scenario parameter, which is chosen by the quantile of its own distribution."""
 
+OBSERVED_QUANTITY = Quantity("", 1.0, 0.0, (OBSERVATION,))
+"""A number that a simulator shows to a planner besides vehicles, in a unit of its own."""
+
+_OWN_QUANTITIES = {SCENARIO: PARAMETER_QUANTITY, OBSERVATION: OBSERVED_QUANTITY}
+
 GHOST_AHEAD_M = 40.0
 
 UNIT_SUFFIXES: Mapping[str, str] = MappingProxyType(
@@ -116,7 +124,7 @@ def find_quantity(name: str) -> Quantity:
         UnknownName: there is no such quantity.
     """
     target, quantity_name = split_name(name)
-    quantity = PARAMETER_QUANTITY if target == SCENARIO else QUANTITIES.get(quantity_name)
+    quantity = _OWN_QUANTITIES.get(target) or QUANTITIES.get(quantity_name)
     if quantity is None:
         raise UnknownName(CHANNELS_FIELD, name, ALL_CHANNELS)
     return quantity
@@ -163,7 +171,7 @@ def name_columns(name: str) -> ColumnNames:
     """
     target, quantity_name = split_name(name)
     # A parameter may be called `speed`, and has the unit that its scenario gives it.
-    quantity = None if target == SCENARIO else QUANTITIES.get(quantity_name)
+    quantity = None if target in _OWN_QUANTITIES else QUANTITIES.get(quantity_name)
     suffix = "" if quantity is None else UNIT_SUFFIXES.get(quantity.unit, "")
     return ColumnNames(f"{name}_z", f"{name}_sigma{suffix}", f"{name}{suffix}")
 

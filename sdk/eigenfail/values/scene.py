@@ -108,6 +108,8 @@ class Observation(msgspec.Struct, frozen=True):
             all of them are there throughout, in the same order.
         signals: signals of the simulator's own, by name; None without any.
         cause: cause of the collision, where the scenario names one; None without a collision.
+        frames: the truth at equally spaced moments within the step just taken, each as complete as
+            this one; empty where the simulator shows the end of a step alone.
     """
 
     step: int
@@ -123,6 +125,7 @@ class Observation(msgspec.Struct, frozen=True):
     ids: tuple[int, ...] | None = None
     signals: Mapping[str, float] | None = None
     cause: str | None = None
+    frames: tuple["Observation", ...] = ()
 
     @property
     def numbers(self) -> Sequence[int]:

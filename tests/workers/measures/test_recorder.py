@@ -210,3 +210,40 @@ def test_numbers_that_would_become_infinite_are_refused(changes, words: str) -> 
 def test_what_was_not_perceived_is_kept() -> None:
     missed = msgspec.structs.replace(seen(1, 1.0), perceived=(nan, nan))
     assert np.isnan(recorded(seen(0, 0.0), missed).scene(0.1).perceived).all()
+
+
+def show_frames(*at_m: float, step: int = 1) -> Observation:
+    """A step whose frames are at these places of the ego; the last is the end of the step."""
+    *frames, last = (seen(step, x_m) for x_m in at_m)
+    return msgspec.structs.replace(last, frames=tuple(frames))
+
+
+def test_frames_within_a_step_count_as_its_end_does() -> None:
+    stepwise = recorded(seen(0, 0.0), seen(1, 5.0), seen(1, 16.0), seen(1, 15.0))
+    at_once = recorded(seen(0, 0.0), show_frames(5.0, 16.0, 15.0))
+    named = "robustness_m", "min_ttc_s", "max_drac_mps2"
+    for name in named:
+        assert getattr(at_once.measures(DT_S), name) == getattr(stepwise.measures(DT_S), name)
+    assert at_once.scene(DT_S).vehicles.shape[0] == 2
+
+
+def test_a_collision_in_a_frame_ends_the_episode_there() -> None:
+    recorder = Recorder()
+    recorder.observe(seen(0, 0.0), DT_S)
+    met = recorder.observe(show_frames(10.0, 20.5, 0.0), DT_S)
+    assert met.collided
+    assert met.ended
+    assert met.ego.x_m == pytest.approx(20.0, abs=0.6)
+    assert met.control == Control(-1.0, 0.1)
+
+
+def test_frames_show_that_a_straight_line_would_have_met_nobody() -> None:
+    """Between both ends of the step a straight line leads through the car; the frames go round."""
+    aside = msgspec.structs.replace(seen(1, 20.0), ego=car(20.0, -4.0, 10.0))
+    past = msgspec.structs.replace(seen(1, 40.0), ego=car(40.0, 0.0, 10.0))
+    start = msgspec.structs.replace(seen(0, 0.0))
+    straight, round_it = Recorder(), Recorder()
+    straight.observe(start, 4.0)
+    assert straight.observe(past, 4.0).collided
+    round_it.observe(start, 4.0)
+    assert not round_it.observe(msgspec.structs.replace(past, frames=(aside,)), 4.0).collided

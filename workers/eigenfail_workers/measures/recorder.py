@@ -211,27 +211,19 @@ class Recorder:
             SimulatorError: a position, heading or speed is not a finite number; or footprints rule
                 out a reported collision.
         """
-        _check(seen)
-        observation = encounters.end_at_contact(
-            self._course[-1] if self._course else None, seen, dt_s
-        )
+        before, frame_s = self._course[-1] if self._course else None, dt_s / (1 + len(seen.frames))
+        met: dict[int, Encounter] = {}
+        for frame in (*seen.frames, seen):
+            _check(frame)
+            observation = before = encounters.end_at_contact(before, frame, frame_s)
+            met = self._meet(observation, met, frame_s)
+            if observation.collided:
+                break
         self._course.append(observation)
         self._ride.observe(observation)
         if observation.off_road and self._left_road_step is None:
             self._left_road_step = observation.step
-        self._last_drac_mps2 = 0.0
-        # Vehicles that are not there now are forgotten: when one comes back, nobody knows its way.
-        before, self._apart = self._apart, {}
-        compared = [
-            self._compare(
-                observation.step,
-                number,
-                encounters.Pair(observation.ego, other),
-                before.get(number),
-                dt_s,
-            )
-            for number, other in zip(observation.numbers, observation.others, strict=True)
-        ]
+        compared = list(met.values())
         if self._signals is not None:
             self._signals.observe(observation, compared)
         if self._importance is not None and observation.step:
@@ -240,6 +232,30 @@ class Recorder:
             approach = Approach(compared, acceleration_mps2)
             self._importances.append(compute_importance(self._importance, approach))
         return observation
+
+    def _meet(
+        self, now: Observation, met: dict[int, Encounter], dt_s: float
+    ) -> dict[int, Encounter]:
+        """Compare the ego with each vehicle at a moment, by number.
+
+        Args:
+            now: the moment.
+            met: encounters at earlier moments of the same step.
+            dt_s: time since the moment before.
+        """
+        self._last_drac_mps2 = 0.0
+        # Vehicles that are not there now are forgotten: when one comes back, nobody knows its way.
+        before, self._apart = self._apart, {}
+        found = {}
+        for number, other in zip(now.numbers, now.others, strict=True):
+            pair = encounters.Pair(now.ego, other)
+            one = self._compare(now.step, number, pair, before.get(number), dt_s)
+            if number in met:
+                earlier = met[number]
+                nearest_m = min(earlier.distance_m, one.distance_m)
+                one = Encounter(nearest_m, one.conflict, earlier.conflicts + one.within)
+            found[number] = one
+        return found
 
     def _compare(
         self,

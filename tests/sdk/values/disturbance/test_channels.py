@@ -423,3 +423,13 @@ def test_noise_without_a_density_has_no_likelihood() -> None:
     z = np.full((2, 1), np.inf, np.float32)
     (found,) = find_channel_likelihoods(NoiseTrajectory(z, np.ones_like(z)), ("x",))
     assert (found.log_probability, found.relative) == (None, None)
+
+
+def test_a_number_that_a_simulator_shows_has_a_sigma_without_a_unit() -> None:
+    offered = frozenset({*ALL_CHANNELS, "observation.3"})
+    model = DisturbanceModel(channels=(Channel("observation.3", sigma=0.2),))
+    (channel,) = model.resolve(1, offered).list_channels()
+    assert (channel.unit, channel.sigma, channel.sigma_per_m) == ("", 0.2, 0.0)
+    assert Channel("observation.3").filled().sigma == 1.0
+    with pytest.raises(UnknownName, match=r"'observation\.4' is not known"):
+        DisturbanceModel(channels=(Channel("observation.4"),)).resolve(1, offered)

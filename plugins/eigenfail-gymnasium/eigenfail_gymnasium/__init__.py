@@ -1,0 +1,1 @@
+"""Environments of Gymnasium, and policies in them, as systems under test."""

@@ -1,0 +1,104 @@
+"""What stages an episode: an environment behind the simulator."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+from gymnasium.spaces import Space
+
+from eigenfail.values.scene import Control, Mission, Observation, Perception
+
+
+class PolicyTask(NamedTuple):
+    """What a policy is told before an episode.
+
+    Attributes:
+        observation_space: of the environment.
+        action_space: of the environment.
+        dt_s: duration of a step. [s]
+        actions: numbers of highway-env's discrete actions by name, such as `SLOWER`; else empty.
+        features: columns of highway-env's kinematics observation; else empty.
+        ranges: by feature, the values that the observation shows as -1 and 1, in metres and metres
+            a second; empty where the observation is not normalised.
+    """
+
+    observation_space: Space[Any]
+    action_space: Space[Any]
+    dt_s: float
+    actions: Mapping[str, int]
+    features: tuple[str, ...]
+    ranges: Mapping[str, tuple[float, float]]
+
+
+class ChosenAction:
+    """Where a policy leaves its action, as a control is no action of an environment."""
+
+    action: Any = None
+
+
+class ObservedPerception(Perception, frozen=True, kw_only=True):
+    """A perception with what a policy of Gymnasium needs.
+
+    Attributes:
+        observation: what the environment shows of the perceived world, with the errors of
+            channels `observation.N`.
+        task: what the policy is told.
+        decision: where the policy leaves its action.
+    """
+
+    observation: Any
+    task: PolicyTask
+    decision: ChosenAction
+
+
+class Advance(NamedTuple):
+    """An environment after a step.
+
+    Attributes:
+        now: the truth.
+        is_over: whether the environment ended the episode.
+    """
+
+    now: Observation
+    is_over: bool
+
+
+class Stage(Protocol):
+    """An environment, as the simulator stages it.
+
+    Attributes:
+        mission: briefing of planners that are no policies.
+        takes_controls: whether a `Control` can drive the ego.
+    """
+
+    mission: Mission
+    takes_controls: bool
+
+    def reset(self, seed: int) -> Observation:
+        """Begin an episode, and return its start."""
+
+    def observe(self, perception: Perception) -> Any:
+        """Return what the environment shows of the world as it is perceived."""
+
+    def describe(self) -> PolicyTask:
+        """Return what a policy is told."""
+
+    def advance(self, before: Observation, answer: Control | ChosenAction) -> Advance:
+        """Do one step."""
+
+    def close(self) -> None:
+        """Release the environment."""
+
+
+def read_action(answer: ChosenAction, space: Space[Any]) -> Any:
+    """Return the action of a decision in the form that the environment takes.
+
+    Raises:
+        ValueError: it is no action of the environment.
+    """
+    action = answer.action
+    if type(space).__name__ == "Discrete" and getattr(action, "ndim", None) == 0:
+        action = int(action)
+    if not space.contains(action):
+        message = f"the policy answered {action!r}, which is not in {space}"
+        raise ValueError(message)
+    return action
