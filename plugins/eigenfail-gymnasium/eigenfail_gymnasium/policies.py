@@ -20,7 +20,6 @@ from eigenfail_gymnasium.rules import keep_gap
 from eigenfail_gymnasium.stages import ObservedPerception, PolicyTask
 
 ALGORITHMS = ("A2C", "DDPG", "DQN", "PPO", "SAC", "TD3")
-SHIPPED = f"{keep_gap.__module__}:{keep_gap.__name__}"
 
 Policy = Callable[[Any], Any]
 """Returns the action for an observation."""
@@ -109,9 +108,10 @@ class PolicyPlanner:
 
 
 def _find_maker(settings: PolicySettings, task: PolicyTask) -> PolicyMaker:
+    if settings.function:
+        return load_declared(settings.function, "policy", "planner_settings.function")
     if not settings.model:
-        place = settings.function or SHIPPED
-        return load_declared(place, "policy", "planner_settings.function")
+        return keep_gap.function
     model = read_model(settings, task)
     return lambda _task: model
 
