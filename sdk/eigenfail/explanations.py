@@ -87,21 +87,19 @@ def tell_story(episode: ExplainedEpisode) -> list[str]:
     return [f"{text}." for _, text in sorted(happened, key=lambda found: found.time_s)]
 
 
-_WITHOUT_NOISE = {
-    Outcome.COLLISION: "fails as well: noise is not what makes it fail",
-    Outcome.VIOLATION: "fails as well: noise is not what makes it fail",
-    Outcome.SAFE: "does not fail",
-    Outcome.ERRORED: "does not end, so that the cause is open",
-}
-
-
 def _compare_undisturbed(episode: ExplainedEpisode) -> Iterator[_Event]:
     undisturbed = episode.undisturbed
-    if undisturbed is not None:
-        end = _END_DESCRIPTIONS[undisturbed.outcome](ExplainedEpisode(undisturbed, ()))
-        verdict = _WITHOUT_NOISE[undisturbed.outcome]
-        # It is told first: whoever reads of causes must know whether noise is one.
-        yield _Event(-inf, f"Without noise the same episode {verdict}. {end}")
+    if undisturbed is None:
+        return
+    if episode.fails_alike:
+        verdict = "fails as well: noise is not what makes it fail"
+    elif undisturbed.result.is_failure:
+        verdict = "fails in another way"
+    else:
+        verdict = "does not fail"
+    end = _END_DESCRIPTIONS[undisturbed.result.outcome](undisturbed)
+    # It is told first: whoever reads of causes must know whether noise is one.
+    yield _Event(-inf, f"Without noise the same episode {verdict}. {end}")
 
 
 def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
@@ -328,7 +326,7 @@ def build_explanation(
         note=f"The planner '{planner}' provides no explanation: {NO_ACCOUNT}" if silent else "",
         steps=window.select(explained.steps),
         story=tuple(tell_story(explained)),
-        undisturbed=explained.undisturbed.outcome if explained.undisturbed else None,
+        undisturbed=explained.undisturbed.result.outcome if explained.undisturbed else None,
     )
 
 
@@ -365,7 +363,7 @@ def describe_unsteadiness(how: str) -> str:
 
 
 TIMEOUT_S = 110.0
-"""Enough for an episode with and without noise; the proxy of `deploy/nginx` waits for 120 s."""
+"""Less than the proxy of `deploy/nginx` and our own client wait."""
 
 
 class _ExplanationQuestion(msgspec.Struct, frozen=True, eq=False, tag=True):

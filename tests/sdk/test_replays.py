@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from eigenfail import plugins
 from eigenfail.cli import episode
+from eigenfail.errors import ServiceError
 from eigenfail.explanations import WHOLE, build_explanation, describe_replay, tell_story
 from eigenfail.replays import (
     explain_episode,
@@ -21,8 +22,9 @@ from eigenfail.values.channels import Channel
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource, TrajectorySource
 from eigenfail.values.scene import Control
+from eigenfail.values.shapes import Markov
 from eigenfail.versions import fingerprint_plugins, versions
-from eigenfail.worlds import list_channels
+from eigenfail.worlds import list_channels, resolve_disturbance
 from eigenfail_services.analysis.words import Clock, describe_account
 
 SPEC = CampaignSpec(
@@ -140,8 +142,8 @@ def test_planner_that_fails_without_noise_is_told_apart_from_one_that_noise_misl
     failed = run_once(SPEC, TASK)
     assert failed.is_failure
     _, explained = explain_episode(SPEC, failed)
-    assert explained.undisturbed.is_failure
-    assert not explained.undisturbed.noise.z.any()
+    assert explained.fails_alike
+    assert not explained.undisturbed.result.noise.z.any()
     story = build_explanation("1/0", "mine", replay_episode(SPEC, failed), explained, WHOLE)
     assert story.undisturbed is Outcome.COLLISION
     assert story.story[0].startswith("Without noise the same episode fails as well: noise is not")
@@ -155,7 +157,7 @@ def test_failure_that_noise_causes_does_not_happen_without_it(planner):
     failed = run_once(SPEC, push(100.0))
     assert failed.is_failure
     _, explained = explain_episode(SPEC, failed)
-    assert explained.undisturbed.outcome is Outcome.SAFE
+    assert explained.undisturbed.result.outcome is Outcome.SAFE
     story = tell_story(explained)
     assert story[0].startswith("Without noise the same episode does not fail. No collision")
     assert describe_account(explained, Clock(failed.steps, 0.1, "impact")) == ""
@@ -180,9 +182,54 @@ def test_episode_without_noise_stays_in_the_scenario_that_its_noise_chose():
     )
     z = np.full((100, 3), 1.5, np.float32)
     stored = run_once(searched, EpisodeTask(0, 7, TrajectorySource(z)))
-    task = make_undisturbed_task(stored, list_channels(searched))
+    task = make_undisturbed_task(stored, resolve_disturbance(searched))
     calm = run_once(searched, task)
     assert calm.scene.vehicles[0].tolist() == stored.scene.vehicles[0].tolist()
     kept = list_channels(searched).index("scenario.distance_m")
     assert calm.noise.z[0, kept] == stored.noise.z[0, kept]
     assert not np.delete(calm.noise.z, kept, axis=1).any()
+
+
+def test_event_that_lasts_for_most_of_the_time_is_absent_without_noise():
+    often = Channel("missed", shape=Markov(rate=0.1, mean_steps=20.0))
+    blinded = replace(SPEC, planner="idm", disturbance=DisturbanceModel(channels=(often,)))
+    z = np.full((100, 1), 5.0, np.float32)
+    stored = run_once(blinded, EpisodeTask(0, 7, TrajectorySource(z)))
+    assert stored.is_failure
+    _, explained = explain_episode(blinded, stored)
+    calm = explained.undisturbed.result
+    assert not calm.noise.injected.any()
+    assert calm.outcome is Outcome.SAFE
+
+
+def test_failure_of_another_kind_without_noise_is_not_taken_for_the_same(planner):
+    planner(Trusting)
+    failed = run_once(SPEC, push(100.0))
+    _, explained = explain_episode(SPEC, failed)
+    other = replace(explained.undisturbed.result, outcome=Outcome.VIOLATION)
+    violated = replace(explained, undisturbed=replace(explained.undisturbed, result=other))
+    assert not violated.fails_alike
+    assert tell_story(violated)[0].startswith("Without noise the same episode fails in another way")
+
+
+def test_account_stays_if_the_run_without_noise_is_refused(planner, monkeypatch):
+    planner(Blind)
+    failed = run_once(SPEC, TASK)
+    real = plugins.load
+
+    def load(group, name):
+        explainer = real(group, name)
+        if group != plugins.EXPLAINERS:
+            return explainer
+
+        def explain(setup, task):
+            if not task.source.z.any():
+                raise ServiceError("The bridge has gone.", "Start it.")
+            return explainer(setup, task)
+
+        return explain
+
+    monkeypatch.setattr(plugins, "load", load)
+    replayed, explained = explain_episode(SPEC, failed)
+    assert replayed.same
+    assert explained.undisturbed is None

@@ -281,6 +281,7 @@ def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
     tallies[f"Medoids, {count} scenarios" if count > 1 else "Medoids"] = found.medoids
     return {
         "found": found,
+        "unit": unit,
         "ended": sum(replay.outcome is not None for replay in replays),
         "planned": len(replays),
         # Asking replays something only where nothing was replayed, some of it was cut off, or

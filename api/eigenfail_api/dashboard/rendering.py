@@ -89,12 +89,14 @@ DIGITS = 5
 """More digits would make pages larger, and no screen could show them."""
 
 
-def round_array(array: object) -> list[object]:
+def round_array(array: object) -> object:
     """Return an array as plain values, floats with as many digits as a screen can show.
 
     Raises:
-        NotImplementedError: it is no array.
+        NotImplementedError: it is no array, and no number of numpy.
     """
+    if isinstance(array, np.generic):
+        return array.item()
     if not isinstance(array, np.ndarray):
         raise NotImplementedError(f"{type(array).__name__} is no array")
     if array.ndim > 1:
@@ -344,7 +346,9 @@ class Tile(msgspec.Struct, frozen=True):
     @property
     def value(self) -> str:
         """Return the figure as text, with its unit."""
-        text = format_cell(self.figure, TableColumn("", self.unit)).value
+        # A sum over nothing is an integer, and is shown as what it sums.
+        figure = float(self.figure) if self.unit and isinstance(self.figure, int) else self.figure
+        text = format_cell(figure, TableColumn("", self.unit)).value
         return text if self.unit in {"", "share"} else figures.put_unit(text, self.unit)
 
 

@@ -193,9 +193,9 @@ def make_scene_chart(
         caption="Width and length have the same scale; the view follows the ego.",
         data={
             "dt": scene.dt_s,
-            "vehicles": scene.vehicles,
+            "vehicles": _round_places(scene.vehicles),
             "sizes": scene.sizes,
-            "perceived": scene.perceived,
+            "perceived": _round_places(scene.perceived),
             "nearest": nearest,
             "apart": apart,
             "collides": outcome is Outcome.COLLISION,
@@ -211,6 +211,13 @@ def make_scene_chart(
     )
 
 
+def _round_places(places: Floats) -> list[object]:
+    """Return places and headings as plain values, to a millimetre and a milliradian."""
+    # With a number of significant digits, vehicles far from the origin would jump.
+    rounded: list[object] = np.round(places.astype(np.float64), MILLIRADIAN).tolist()
+    return rounded
+
+
 def _list_optional_values(scene: Scene) -> dict[str, object]:
     """Return the borders of the lanes and the kinds of the vehicles, where the scene has them.
 
@@ -219,7 +226,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
     shown: dict[str, object] = {}
     # Only scenes of worlds with a map have borders of lanes; others draw straight ones.
     if not isinstance(scene.road, msgspec.UnsetType):
-        shown["road"] = scene.road
+        shown["road"] = [_round_places(border) for border in scene.road]
     if not isinstance(scene.kinds, msgspec.UnsetType):
         shown["kinds"] = ["" if kind == UNKNOWN_KIND else kind for kind in scene.kinds]
     return shown

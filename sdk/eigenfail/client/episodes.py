@@ -30,6 +30,9 @@ from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import ReplayRequest, read_fields
 
+EXPLANATION_S = 120.0
+"""How long an explanation is waited for: a failure is run twice for it."""
+
 Picked = dict[str, Value | None]
 """Columns of an episode by their names; None where nothing was measured."""
 
@@ -290,7 +293,8 @@ class Episodes:
             InvalidValue: the episode cannot be run again.
             ServiceError: too many wait for an explanation already.
         """
-        return self._link.get(f"{locate_episode(campaign, index)}/explanation", Explanation)
+        path = f"{locate_episode(campaign, index)}/explanation"
+        return self._link.get(path, Explanation, read_s=EXPLANATION_S)
 
     def replay(
         self, campaign: CampaignLike, index: EpisodeLike | None = None, scale: float = 1.0

@@ -408,8 +408,10 @@ def format_reproduction(found: Reproduction, unit: str = "m") -> tables.Formatte
     if found.rate is None:
         return tables.FormattedCell(figures.UNKNOWN, sample="no replay completed")
     # A failure has no distance left: its robustness is 0.
-    nearest = f"{figures.format_number(found.smallest_robustness_m)} {unit}".rstrip()
-    sample = "" if found.rate.k else f"smallest robustness {nearest}"
+    sample = ""
+    if not found.rate.k and found.smallest_robustness_m is not None:
+        nearest = figures.format_quantity(found.smallest_robustness_m, unit)
+        sample = f"smallest robustness {nearest}".rstrip()
     return tables.FormattedCell(f"{found.rate.k} of {found.rate.n}", sample=sample)
 
 

@@ -213,14 +213,26 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
         result: what came of it, as of any episode.
         steps: steps in which the planner decided; without the true state if the episode errored.
         struck: number of the vehicle that the ego struck; None without a collision.
-        undisturbed: result of the same episode without noise, which tells whether noise is the
-            cause of a failure; None for an episode that does not fail.
+        undisturbed: a failure run again without noise, which tells whether noise is its cause;
+            None for an episode that does not fail, and if it could not be run.
     """
 
     result: EpisodeResult
     steps: tuple[ExplainedStep, ...]
     struck: int | None = None
-    undisturbed: EpisodeResult | None = None
+    undisturbed: "ExplainedEpisode | None" = None
+
+    @property
+    def fails_alike(self) -> bool:
+        """Whether it fails in the same way without noise: noise is then not the cause."""
+        calm = self.undisturbed
+        return self.result.is_failure and calm is not None and calm.way_to_fail == self.way_to_fail
+
+    @property
+    def way_to_fail(self) -> tuple[Outcome, int | None, int | None]:
+        """Outcome, number of the violated requirement, and the vehicle that was struck."""
+        measures = self.result.measures
+        return self.result.outcome, measures.violated if measures else None, self.struck
 
 
 class Replayed(msgspec.Struct, frozen=True):
@@ -254,8 +266,8 @@ class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
         steps: steps that were requested; the story covers all steps.
         story: what happened, a sentence for each thing of note, in the order of time.
         scene: scene of the replay, where the stored episode kept none and the replay is the same.
-        undisturbed: outcome of the same episode without noise: if it fails as well, noise is not
-            the cause. None for an episode that does not fail.
+        undisturbed: outcome of a failure that was run again without noise; None for an episode that
+            does not fail, and if it could not be run.
     """
 
     episode: str

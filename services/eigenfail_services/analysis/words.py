@@ -262,7 +262,7 @@ MOST_RULES = 2
 def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
     """The planner's own account of an episode in a sentence; empty if there is nothing to tell.
 
-    An episode that fails without noise, too, is said to do so first.
+    An episode that fails alike without noise is said to do so first.
 
     The names looked for in the account are those of `ExplainingPlanner`.
     """
@@ -272,8 +272,7 @@ def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
         for teller in (_describe_rules, _describe_overrides, _describe_losses)
         for part in teller(steps, clock)
     ]
-    undisturbed = episode.undisturbed
-    if undisturbed is not None and undisturbed.outcome.is_failure:
+    if episode.fails_alike:
         phrases.insert(0, "without noise it fails as well: noise is not what makes it fail")
     return f"{'; '.join(phrases)}." if phrases else ""
 

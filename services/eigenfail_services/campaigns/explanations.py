@@ -1,5 +1,6 @@
 """Episodes and failure modes explained: accounts of planners, tables of steps, single replays."""
 
+import contextlib
 import csv
 import io
 import time
@@ -16,7 +17,7 @@ from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
 from eigenfail.process_state import ProcessState
-from eigenfail.replays import explain_stored
+from eigenfail.replays import add_undisturbed, make_replay_task
 from eigenfail.values import episode
 from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
 from eigenfail.values.campaign import Campaign
@@ -25,7 +26,7 @@ from eigenfail.values.channels import name_columns
 from eigenfail.values.disturbance import list_noise
 from eigenfail.values.proof import ExplainedEpisode, Explanation
 from eigenfail.values.scene import Scene
-from eigenfail.worlds import drawn_for, list_channels, world_of
+from eigenfail.worlds import drawn_for, list_channels, resolve_disturbance, world_of
 from eigenfail_services.analysis.footprints import measure_clearances
 from eigenfail_services.analysis.words import Clock, describe, describe_account
 from eigenfail_services.campaigns.validation import check_spec
@@ -192,19 +193,15 @@ def _describe_mode(
     end = "impact" if medoid.outcome is episode.Outcome.COLLISION else "end"
     clock = Clock(medoid.steps, step_s, f"its medoid's {end}")
     acted = clock._replace(event=f"the {end}")
-    channels = list_channels(spec)
-    account = _describe_account(spec.setup(), medoid, channels, acted, until_s)
+    account = _describe_account(spec.setup(), medoid, acted, until_s)
     text = f"{shown}; {account}" if account else f"{shown}."
+    channels = list_channels(spec)
     words = describe(mode.eigenfailure, clock, channels, spec.disturbance.noise_shape)
     return f"{words} {text}"
 
 
 def _describe_account(
-    setup: episode.EpisodeSetup,
-    medoid: episode.EpisodeResult,
-    channels: tuple[str, ...],
-    clock: Clock,
-    until_s: float,
+    setup: episode.EpisodeSetup, medoid: episode.EpisodeResult, clock: Clock, until_s: float
 ) -> str:
     """Describe what the planner did in an episode; empty without an account in time.
 
@@ -214,16 +211,18 @@ def _describe_account(
     Args:
         setup: setup of the episode's campaign.
         medoid: the episode.
-        channels: names of the channels of its noise.
         clock: its times.
         until_s: when `time.monotonic` says so, the planner is not waited for. [s]
     """
     accounts: list[str] = []
 
     def ask() -> None:
-        explained = _explain_episode(setup, medoid, channels)
-        if explained is not None and explained.result.digest() == medoid.digest():
-            accounts.append(describe_account(explained, clock))
+        # Each account is kept at once: the second one may come too late.
+        accounts.extend(
+            describe_account(explained, clock)
+            for explained in _explain_episode(setup, medoid)
+            if explained.result.digest() == medoid.digest()
+        )
 
     left_s = until_s - time.monotonic()
     # A bridge may serve one session at a time, that of a worker, and is asked by users alone.
@@ -235,19 +234,20 @@ def _describe_account(
         # What the planner has changed here must not change what this process goes on to compute.
         if before.changes():
             before.restore()
-    return accounts[0] if accounts else ""
+    return accounts[-1] if accounts else ""
 
 
 def _explain_episode(
-    setup: episode.EpisodeSetup, stored: episode.EpisodeResult, channels: tuple[str, ...]
-) -> ExplainedEpisode | None:
-    """Run an episode again with the planner's account.
+    setup: episode.EpisodeSetup, stored: episode.EpisodeResult
+) -> Iterator[ExplainedEpisode]:
+    """Yield an episode with the planner's account, then with its course without noise, too.
 
-    None where workers are not installed, where there is no planner to be asked, and where it fails
-    at the question.
+    Nothing if workers are not installed, if there is no planner to be asked, and if it fails at the
+    question.
     """
-    try:
+    with contextlib.suppress(EigenfailError):
         explainer: Explainer = plugins.load(plugins.EXPLAINERS, "default")
-        return explain_stored(partial(explainer, setup), stored, channels)
-    except EigenfailError:
-        return None
+        explain = partial(explainer, setup)
+        explained = explain(make_replay_task(stored))
+        yield explained
+        yield add_undisturbed(explained, explain, stored, resolve_disturbance(setup))
