@@ -122,7 +122,8 @@ def find_references(method: ResolvedMethod) -> CampaignReferences:
     then, nor is a value of another type.
 
     Raises:
-        InvalidValue: a setting does not name what the method declares.
+        InvalidValue: a setting does not name what the method declares, or the method declares that
+            noise is named by another setting than those of `DETAILS`.
     """
     declared = method.traits.references is not UNDECLARED.references
     known = msgspec.to_builtins(method.settings if declared else method.given)
@@ -130,6 +131,9 @@ def find_references(method: ResolvedMethod) -> CampaignReferences:
     noise, learners, data = NamedNoise(), {}, {}
     for name, kind in method.traits.references.items():
         value, field = known.get(name), f"{method.field}.{name}"
+        if kind is Reference.NOISE and name not in DETAILS:
+            problem = f"{method.name} declares that '{name}' names noise, which no such name can."
+            raise InvalidValue("method", problem, f"Call it {' or '.join(DETAILS)} there.")
         if value in (None, (), []):
             continue
         with suppress(*tolerated):

@@ -161,6 +161,16 @@ def test_only_what_goes_with_a_declared_reference_is_read() -> None:
     assert found == resolution.NamedNoise(campaign=2)
 
 
+@pytest.mark.parametrize("settings", [{}, {"source": 3}])
+def test_noise_under_another_name_is_refused_and_the_method_is_told(settings: dict) -> None:
+    class Sourced(Undeclared):
+        class Settings(msgspec.Struct, frozen=True):
+            source: int | None = None
+
+    with pytest.raises(InvalidValue, match=r"mine declares that 'source'.*analysis or campaign"):
+        references_of(settings, {"source": Reference.NOISE}, Sourced)
+
+
 def test_a_learners_campaign_is_not_taken_for_noise() -> None:
     declared = {"analysis": Reference.NOISE, "campaign": Reference.LEARNER}
     found = references_of({"analysis": 4, "campaign": 3, "episodes": [1]}, declared)
