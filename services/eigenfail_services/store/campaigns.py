@@ -172,9 +172,14 @@ class CampaignStore(StorePart):
         return self._database.read(read_campaign, campaign)
 
     def read_references(self, campaign: int) -> CampaignReferences:
-        """Return what the settings of a campaign name, as it was found when it was created."""
+        """Return what the settings of a campaign name, as it was found when it was created.
+
+        Raises:
+            NotFound: no such campaign.
+        """
         query = select(campaigns.c.references).where(campaigns.c.id == campaign)
         with self._database.reading() as connection:
+            read_campaign(connection, campaign)
             return to_references(connection.execute(query).scalar_one())
 
     def page(

@@ -73,6 +73,8 @@ def knows_no_strangers(store: Store) -> None:
     for stranger in BEYOND:
         with expect_error(NotFound, f"get({stranger}) found something."):
             store.campaigns.get(stranger)
+        with expect_error(NotFound, f"read_references({stranger}) found something."):
+            store.campaigns.read_references(stranger)
         with expect_error(NotFound, f"move({stranger}) moved something."):
             store.campaigns.move(stranger, S.RUNNING)
         with expect_error(NotFound, f"add_active({stranger}) went somewhere."):
