@@ -334,6 +334,25 @@ def test_what_other_channels_taught_is_refused(
     assert refused.value.field == f"settings.{name}"
 
 
+@pytest.mark.parametrize(
+    ("before", "told"),
+    [
+        ({"method": "gone"}, "method: 'gone' is not known"),
+        ({"method": "cem", "settings": {"batch": -1}}, "settings.batch: "),
+        ({"method": "cem", "settings": {"gone": 1}}, "settings: 'gone'"),
+        ({"method": "ensemble", "settings": {"method": "gone"}}, "'gone' is not known"),
+    ],
+)
+def test_what_is_wrong_with_an_earlier_campaign_is_told_of_the_setting_that_names_it(
+    memory: House, before: dict, told: str
+) -> None:
+    number = ended(memory.store, 3, **before)
+    asked = on_noise(3, "evaluate", campaign=number)
+    with pytest.raises(InvalidValue, match=f"campaign {number}: .*{told}") as refused:
+        references.check_references(resolve_campaign(asked), memory.store)
+    assert refused.value.field == "settings.campaign"
+
+
 def test_an_even_sample_is_even() -> None:
     lived = [references.CompletedEpisode(float(place), 1, place) for place in range(1000)]
     kept = [one.index for one in references.choose_episodes(lived, 20)]
