@@ -148,7 +148,7 @@ def find_references(method: ResolvedMethod) -> CampaignReferences:
 
 
 class CheckedCampaign(msgspec.Struct, frozen=True):
-    """A campaign with what is found out of it before it is created, and stored with it.
+    """A campaign with what its check has found about it, which is stored with it.
 
     Attributes:
         spec: its spec.

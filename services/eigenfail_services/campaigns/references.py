@@ -1,8 +1,8 @@
 """References in the settings of a campaign: noise, episodes and learners of earlier campaigns.
 
-They are checked once, before the campaign is created, and stored with it. What they name has ended
-by then: only its noise can still be lost. So the claim of a campaign reads what its row names, as
-the context of the learner.
+The references are checked once, before the campaign is created, and stored with it. What they name
+has ended by then: only its noise can still be lost. So the claim of a campaign reads what its row
+names, as the context of the learner.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

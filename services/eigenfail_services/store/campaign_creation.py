@@ -26,7 +26,7 @@ class NewCampaign(msgspec.Struct, frozen=True):
     """A campaign to be created.
 
     Attributes:
-        checked: its spec, and what was found out of it.
+        checked: its spec, and what its check has found about it.
         key: idempotency key, with which it is created once; None without one.
         asked: SHA-256 of what the request with the key asks for.
     """
@@ -58,7 +58,7 @@ def request_many(wanted: Sequence[Wanted], key: str | None) -> list[NewCampaign]
 
 
 def _find_rest(wanted: Wanted) -> resolution.CheckedCampaign:
-    """Return a campaign with what can be found out of it here, if no check has done so."""
+    """Return a campaign with what can be found about it here, if no check has done so."""
     if isinstance(wanted, resolution.CheckedCampaign):
         return wanted
     form, references = EpisodeForm(), resolution.CampaignReferences()
