@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from accepted import accept_spec
 from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -184,7 +185,7 @@ def test_a_campaign_with_such_settings_is_queued(url: str, request) -> None:
     wild = {"campaign": "a", "episode": {"of": 1}, "episodes": 3.5, "data_from": 2**80}
     with closing(open_store(request.getfixturevalue(url))) as store:
         for settings in (wild, {"campaign": 2**64, "episodes": "ab"}):
-            assert store.campaigns.create(spec(settings=settings)).state == "queued"
+            assert store.campaigns.create(accept_spec(spec(settings=settings))).state == "queued"
 
 
 @pytest.mark.parametrize("url", ["sqlite_url", "prepared_postgres_url"])
@@ -195,7 +196,8 @@ def test_what_a_check_found_is_stored_with_the_campaign(url: str, request) -> No
     references = resolution.CampaignReferences(noise, {"settings.a": 1}, {"settings.b": (2, 3)})
     with closing(open_store(request.getfixturevalue(url))) as store:
         checked = resolution.CheckedCampaign(asked, form, references)
-        made = (store.campaigns.create(checked), *store.campaigns.create_many([checked, asked]))
+        several = [checked, accept_spec(asked)]
+        made = (store.campaigns.create(checked), *store.campaigns.create_many(several))
         assert [each.spec for each in made] == [asked] * 3
         assert [each.form for each in made[:2]] == [form] * 2
         found = [store.campaigns.read_references(each.id) for each in made]
