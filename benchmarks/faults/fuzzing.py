@@ -40,6 +40,7 @@ from eigenfail.values.episode import (
 from eigenfail.values.learning import Policy
 from eigenfail.wire import messages as m
 from eigenfail.wire.messages import Assembler, Holding, fingerprint_task
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store.store import open_store
@@ -158,7 +159,7 @@ def at_the_hub(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
     with quiet(), fake_learners():
         hub, router = fake_hub(store)
         for _ in CAMPAIGNS:
-            launch(hub, store.campaigns.create(spec(episodes=EPISODES)).id)
+            launch(hub, store.campaigns.create(check_spec(spec(episodes=EPISODES))).id)
 
         def turn() -> None:
             hub.turn()

@@ -25,6 +25,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store.schema import campaigns, episodes, trajectories
 from eigenfail_services.store.store import open_store
 
@@ -83,7 +84,7 @@ def fill(path: Path, count: int) -> None:
     """A campaign with so many failures, of three modes, and of differing lengths."""
     store = open_store(f"sqlite:///{path}")
     spec = CampaignSpec(name="analysis", method="monte_carlo", episodes=count)
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(check_spec(spec)).id
     store.close()
     engine = create_engine(f"sqlite:///{path}")
     with engine.begin() as connection:

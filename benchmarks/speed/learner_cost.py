@@ -30,6 +30,7 @@ from eigenfail.wire.messages import (
     read_learner_command,
     read_learner_message,
 )
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.hub.learner_link import check_numbers
 from eigenfail_services.hub.learner_process import create_rounds, make_proposal
 from eigenfail_services.store.store import Store, open_store
@@ -76,7 +77,7 @@ class Took(NamedTuple):
 def rounds(case: Case, store: Store) -> Iterator[Took]:
     """One after the other, as hub and learner go through them."""
     spec = CampaignSpec(name="learner", method="monte_carlo", episodes=case.episodes)
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(check_spec(spec)).id
     nothing = np.zeros((0, HORIZON, 2), np.float32)
     context = LearnerContext(1, case.episodes, HORIZON, nothing, parallel=case.parallel)
     learner = create_rounds(Start(case.method, case.settings, context, 1, None))

@@ -19,6 +19,7 @@ from eigenfail.processes import NUMERIC_ENVIRONMENT
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Ack, Lease, Results, encode
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store.store import open_store
 
 COMMAND = "make bench"
@@ -39,7 +40,7 @@ def commit_ms() -> Figure:
     with TemporaryDirectory() as folder:
         store = open_store(f"sqlite:///{Path(folder) / 'eigenfail.db'}")
         spec = CampaignSpec(name="commit", method="monte_carlo", episodes=COMMITS)
-        campaign = store.campaigns.create(spec).id
+        campaign = store.campaigns.create(check_spec(spec)).id
         for task in tasks(0, COMMITS, seed=0):
             result = replace(plain, index=task.index, seed=task.seed)
             began = time.perf_counter()
@@ -58,7 +59,7 @@ def sizes() -> dict[str, Figure]:
         path = Path(folder) / "eigenfail.db"
         store = open_store(f"sqlite:///{path}")
         spec = CampaignSpec(name="sizes", method="monte_carlo", episodes=ROWS)
-        campaign = store.campaigns.create(spec).id
+        campaign = store.campaigns.create(check_spec(spec)).id
         store.close()
         before = path.stat().st_size
         store = open_store(f"sqlite:///{path}")

@@ -21,6 +21,7 @@ from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.export_formats import ExportSource, Selection, write_csv, write_parquet
 from eigenfail_services.store.store import Store, open_store
 from eigenfail_services.upkeep.backup import backup, restore, vacuum
@@ -139,7 +140,7 @@ def writing(address: str, folder: Path) -> float:
     made, longest_s, stop = results(), 0.0, folder / STOP
     with closing(open_store(address)) as store:
         spec = CampaignSpec(name="meanwhile", method="monte_carlo", episodes=5_000_000)
-        campaign = store.campaigns.create(spec).id
+        campaign = store.campaigns.create(check_spec(spec)).id
         store.campaigns.move(campaign, CampaignState.RUNNING)
         first, begun_s = 0, time.perf_counter()
         while not stop.exists():

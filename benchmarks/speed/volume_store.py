@@ -15,6 +15,7 @@ from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.values.scene import Scene
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store.store import Store, open_store
 
 CAMPAIGNS = 5
@@ -67,7 +68,7 @@ def filled(
 ) -> Iterator[tuple[int, float]]:
     """One campaign from its beginning to its end: how many were committed, and how long it took."""
     spec = CampaignSpec(name=f"volume {number}", method="monte_carlo", episodes=size, seed=number)
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(check_spec(spec)).id
     store.campaigns.move(campaign, CampaignState.RUNNING)
     for first in range(0, size, GROUP):
         group = [delivery(made, index) for index in range(first, min(size, first + GROUP))]

@@ -4,12 +4,14 @@ Nothing heavy is loaded for it: neither the database nor what methods train with
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import msgspec
 
 from eigenfail.contracts import MethodTraits, Reference
-from eigenfail.methods import MethodDescription, describe_method
+from eigenfail.errors import InvalidValue
+from eigenfail.methods import UNDECLARED, MethodDescription, describe_method
 from eigenfail.settings import convert
 from eigenfail.values.campaign import EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -22,11 +24,13 @@ class ResolvedMethod(msgspec.Struct, frozen=True):
     Attributes:
         description: description of the method.
         settings: an instance of the method's `Settings`.
+        given: the settings as the user gave them, without defaults.
         field: where these stand in the spec.
     """
 
     description: MethodDescription
     settings: Any
+    given: Mapping[str, Any]
     field: str
 
     @property
@@ -48,7 +52,7 @@ def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings")
         InvalidValue: a setting outside its bounds.
     """
     description = describe_method(name)
-    return ResolvedMethod(description, description.read_settings(given, field), field)
+    return ResolvedMethod(description, description.read_settings(given, field), given, field)
 
 
 def find_searching(method: ResolvedMethod) -> ResolvedMethod:
@@ -107,29 +111,44 @@ class CampaignReferences(msgspec.Struct, frozen=True, omit_defaults=True):
         return frozenset(injected).union(*self.data.values())
 
 
+DETAILS = {"analysis": ("mode", "modes", "what"), "campaign": ("episode", "episodes")}
+"""Settings that say which noise is meant, by the setting that names where it is."""
+
+
 def find_references(method: ResolvedMethod) -> CampaignReferences:
     """Return what the settings of the method that proposes noise name of earlier campaigns.
 
+    A method that declares no references may give these settings another meaning: a default is none
+    then, nor is a value of another type.
+
     Raises:
-        InvalidValue: a setting does not name what the method takes it for.
+        InvalidValue: a setting does not name what the method declares, or the method declares that
+            noise is named by another setting than those of `DETAILS`.
     """
-    given: dict[str, Any] = msgspec.to_builtins(method.settings)
+    declared = method.traits.references is not UNDECLARED.references
+    known = msgspec.to_builtins(method.settings if declared else method.given)
+    tolerated = () if declared else (InvalidValue,)
     noise, learners, data = NamedNoise(), {}, {}
     for name, kind in method.traits.references.items():
-        value, field = given.get(name), f"{method.field}.{name}"
-        if value is None or value == ():
+        value, field = known.get(name), f"{method.field}.{name}"
+        if kind is Reference.NOISE and name not in DETAILS:
+            problem = f"{method.name} declares that '{name}' names noise, which no such name can."
+            raise InvalidValue("method", problem, f"Call it {' or '.join(DETAILS)} there.")
+        if value in (None, (), []):
             continue
-        if kind is Reference.NOISE:
-            noise = convert(given, NamedNoise, method.field)
-        elif kind is Reference.EPISODES:
-            data[field] = convert(value, tuple[int, ...], field)
-        else:
-            learners[field] = convert(value, int, field)
+        with suppress(*tolerated):
+            if kind is Reference.NOISE:
+                named = {each: known[each] for each in (name, *DETAILS[name]) if each in known}
+                noise = convert(msgspec.to_builtins(noise) | named, NamedNoise, method.field)
+            elif kind is Reference.EPISODES:
+                data[field] = convert(value, tuple[int, ...], field)
+            else:
+                learners[field] = convert(value, int, field)
     return CampaignReferences(noise, learners, data)
 
 
 class CheckedCampaign(msgspec.Struct, frozen=True):
-    """A campaign with what is found out of it before it is created, and stored with it.
+    """A campaign with what its check has found about it, which is stored with it.
 
     Attributes:
         spec: its spec.

@@ -9,6 +9,7 @@ from time import sleep
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from store_checks.examples import deliver as store_results
 from store_checks.examples import name_channels, result_of, running
 
@@ -43,7 +44,7 @@ def crash(store, deliver):
     def make(**fields):
         wanted = {"name": "wave", "method": "monte_carlo", "episodes": 9, **fields}
         spec = CampaignSpec(**wanted)
-        campaign = store.campaigns.create(spec).id
+        campaign = store.campaigns.create(accept_spec(spec)).id
         engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
         (result,) = engine.run([EpisodeTask(3, 5, TrajectorySource(WAVE))])
         deliver(campaign, result)

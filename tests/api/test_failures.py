@@ -1,6 +1,7 @@
 """The failures of all campaigns over HTTP."""
 
 import pytest
+from accepted import accept_spec
 from store_checks.failures import fill
 
 from eigenfail_services.store.failures import MOST_FAILURES
@@ -62,7 +63,9 @@ def test_failures_of_repeating_methods_are_left_out(http, store, places):
     from eigenfail.testing.examples import collision, spec
 
     given = {"campaign": 1, "episodes": [0]}
-    made = store.campaigns.create(replace(spec(episodes=1), method="replay", settings=given))
+    made = store.campaigns.create(
+        accept_spec(replace(spec(episodes=1), method="replay", settings=given))
+    )
     deliver(store, store.campaigns.move(made.id, "running"), collision(0))
     assert made.id not in {campaign for _, campaign, _ in read(http)}
     assert {campaign for _, campaign, _ in read(http, method="replay")} == {made.id}

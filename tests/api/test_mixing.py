@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from starlette.testclient import TestClient
 
@@ -65,7 +66,7 @@ def test_campaigns_without_chains_are_refused(client, store, fields):
     other = client.campaigns.create(**fields)
     with pytest.raises(Conflict, match="which has no chains"):
         client.campaigns.mixing(other.id)
-    gone = store.campaigns.create(replace(other.spec, method="no_such_method")).id
+    gone = store.campaigns.create(accept_spec(replace(other.spec, method="no_such_method"))).id
     with pytest.raises(Conflict, match="one of no_such_method, which is not installed here"):
         client.campaigns.mixing(gone)
     with pytest.raises(NotFound):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from store_checks.examples import analyse_function
 from tiny_formats import FORMATS, PIXEL
@@ -23,7 +24,7 @@ def played(store, deliver):
     def make(keep=True, **fields):
         wanted = {"name": "played", "method": "monte_carlo", "episodes": 9, "planner": "idm"}
         spec = CampaignSpec(**wanted | {"simulator": "point_mass", "scene_every": 1} | fields)
-        campaign = store.campaigns.create(spec).id
+        campaign = store.campaigns.create(accept_spec(spec)).id
         engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
         (result,) = engine.run([EpisodeTask(0, 5, PriorSource())])
         deliver(campaign, result if keep else replace(result, scene=None))

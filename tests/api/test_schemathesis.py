@@ -7,6 +7,7 @@ import deadlines
 import numpy as np
 import pytest
 import schemathesis
+from accepted import accept_spec
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from schemathesis.generation import GenerationMode
@@ -88,14 +89,16 @@ def one_mode():
 def fill(store):
     """Campaign 1 with failures and analysis 1 of them; campaign 2, which waits."""
     plain = {"method": "monte_carlo", "planner": "idm", "simulator": "point_mass"}
-    campaign = store.campaigns.create(CampaignSpec(name="full", episodes=EPISODES, **plain)).id
+    campaign = store.campaigns.create(
+        accept_spec(CampaignSpec(name="full", episodes=EPISODES, **plain))
+    ).id
     store.campaigns.move(campaign, "running")
     store.episodes.commit(campaign, [Delivery(result_of(i), "w") for i in range(EPISODES)])
     store.campaigns.add_active(campaign, 2.0)
     analysis = store.analyses.create(campaign, AnalysisSettings(clusters=1)).id
     store.analyses.start(analysis)
     store.analyses.finish(analysis, one_mode())
-    store.campaigns.create(CampaignSpec(name="empty", episodes=5, **plain))
+    store.campaigns.create(accept_spec(CampaignSpec(name="empty", episodes=5, **plain)))
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import deadlines
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from playwright.sync_api import expect, sync_playwright
 from store_checks.gates import make_report
@@ -146,18 +147,20 @@ def replay(store, campaign):
 def fill(store):
     """Campaigns in every interesting state, analyses, and a proof that is half done."""
     made = SimpleNamespace()
-    made.baseline = store.campaigns.create(spec("Monte Carlo on cut-in", "monte_carlo", 2000)).id
+    made.baseline = store.campaigns.create(
+        accept_spec(spec("Monte Carlo on cut-in", "monte_carlo", 2000))
+    ).id
     store.campaigns.move(made.baseline, "running")
     deliver(store, made.baseline, [result_of(index, 0.0, 1) for index in range(400)])
     store.campaigns.add_active(made.baseline, 61.0)
-    made.ast = store.campaigns.create(spec("AST on cut-in", "ast")).id
+    made.ast = store.campaigns.create(accept_spec(spec("AST on cut-in", "ast"))).id
     store.campaigns.move(made.ast, "running")
     learned = [result_of(index, min(0.9, index / 250), 2) for index in range(300)]
     deliver(store, made.ast, learned)
     store.campaigns.add_active(made.ast, 43.0, Overhead(9.0, 4.0, 2.5))
     store.campaigns.move(made.ast, "done")
     made.failures = [result.index for result in learned if result.is_failure]
-    made.difs = store.campaigns.create(spec("DiFS <b>on</b> cut-in", "difs")).id
+    made.difs = store.campaigns.create(accept_spec(spec("DiFS <b>on</b> cut-in", "difs"))).id
     store.campaigns.move(made.difs, "running")
     deliver(store, made.difs, [result_of(index, 0.03, 3) for index in range(180)])
     store.campaigns.add_active(made.difs, 27.0)
@@ -170,7 +173,7 @@ def fill(store):
     store.campaigns.move(made.second_replay, "running")
     deliver(store, made.second_replay, [result_of(0, 0.0, 5)])
     made.waiting_analysis = store.analyses.create(made.ast, AnalysisSettings(clusters=3)).id
-    made.queued = store.campaigns.create(spec("Waits", "ast")).id
+    made.queued = store.campaigns.create(accept_spec(spec("Waits", "ast"))).id
     return made
 
 
@@ -211,7 +214,7 @@ def mixed(index, share):
 def campaign_of(store, name, results, method="ast", **fields):
     """A campaign that has ended with these results; its id."""
     given = CampaignSpec(name=name, method=method, episodes=len(results), **fields)
-    campaign = store.campaigns.create(given).id
+    campaign = store.campaigns.create(accept_spec(given)).id
     store.campaigns.move(campaign, "running")
     deliver(store, campaign, results)
     store.campaigns.add_active(campaign, 12.0)
@@ -393,7 +396,7 @@ def visit(browser, address, watch):
 @pytest.fixture
 def queue(store, address):
     """Queues a campaign; its id."""
-    return lambda name: store.campaigns.create(spec(name, "ast")).id
+    return lambda name: store.campaigns.create(accept_spec(spec(name, "ast"))).id
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from playwright.sync_api import expect
 
@@ -26,7 +27,7 @@ WAVE = np.stack([SIGN, 0.0 * SIGN], axis=1).astype(np.float32)
 def real(store):
     """A campaign whose episode 3 is a collision of the rulebook, and 4 is safe without a scene."""
     spec = CampaignSpec(name="Wave on cut-in", method="monte_carlo", episodes=9)
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     store.campaigns.move(campaign, "running")
     tasks = [
         EpisodeTask(3, 5, TrajectorySource(WAVE)),
@@ -230,7 +231,7 @@ def curved(store):
         simulator="bridge",
         scenario_parameters=parameters,
     )
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     store.campaigns.move(campaign, "running")
     x_m = np.stack([np.arange(41.0) * 3.0, 20.0 + np.arange(41.0) * 3.0], axis=1)
     y_m = x_m**2 / 300.0

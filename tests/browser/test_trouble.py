@@ -4,6 +4,7 @@ import threading
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from playwright.sync_api import expect
 
 from eigenfail_api.__main__ import Server, listen
@@ -67,7 +68,7 @@ def new_campaign():
     from eigenfail.values.campaign_spec import CampaignSpec
 
     return lambda store, name: store.campaigns.create(
-        CampaignSpec(name=name, method="monte_carlo", episodes=5)
+        accept_spec(CampaignSpec(name=name, method="monte_carlo", episodes=5))
     )
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import deadlines
+from accepted import accept_spec
 
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -68,7 +69,7 @@ class Service:
 
     def begin(self, **fields: object) -> int:
         """The id of a new campaign."""
-        return self.store.campaigns.create(CampaignSpec(name="t", seed=5, **fields)).id  # type: ignore[arg-type]
+        return self.store.campaigns.create(accept_spec(CampaignSpec(name="t", seed=5, **fields))).id  # type: ignore[arg-type]
 
     def get(self, campaign: int) -> Campaign:
         return self.store.campaigns.get(campaign)

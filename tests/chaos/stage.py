@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import reader
+from accepted import accept_spec
 from proxy import Proxy
 from sqlalchemy import TextClause, text
 from started import Controller, Services, Started, Worker, free_port, wait_until
@@ -71,7 +72,7 @@ class Stage:
     def create(self, **fields) -> int:
         """A campaign of the simplest world, unless it is said otherwise."""
         plain = {"name": "chaos", "seed": SEED, "planner": "idm", "simulator": "point_mass"}
-        return self._store.campaigns.create(CampaignSpec(**plain | fields)).id
+        return self._store.campaigns.create(accept_spec(CampaignSpec(**plain | fields))).id
 
     def launch(self, *methods: str) -> dict[str, int]:
         """One campaign of each of these methods, or of every one."""

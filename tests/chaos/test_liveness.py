@@ -14,6 +14,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
+from accepted import accept_spec
 from benchmarks.faults.fake_services import FakeLearner, fake_hub, fake_learners, quiet
 from benchmarks.faults.fake_worker import FakeWorker
 from inprocess import NoAnalyses
@@ -104,7 +105,7 @@ class World:
         self._open()
         self._workers = [Worker(next(self._names)) for _ in range(WORKERS)]
         spec = CampaignSpec(name="t", method="monte_carlo", episodes=EPISODES)
-        self._campaign = self._store.campaigns.create(spec).id
+        self._campaign = self._store.campaigns.create(accept_spec(spec)).id
 
     def storm(self) -> None:
         """Every fault once, while messages are lost, doubled and late."""

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 import reader
+from accepted import accept_spec
 from damages import DAMAGES
 from store_checks.examples import deliver, running
 
@@ -49,7 +50,7 @@ def fill(url: str) -> None:
     plain = result(0)
     noise = NoiseTrajectory(plain.noise.z, plain.noise.sigma, ar1)
     deliver(store, shaped, msgspec.structs.replace(plain, noise=noise))
-    store.campaigns.create(spec())
+    store.campaigns.create(accept_spec(spec()))
     while job := store.jobs.claim("somebody", 60.0):
         if job.subject in {DONE, DEAD}:
             store.jobs.finish(job)

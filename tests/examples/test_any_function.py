@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from rich.console import Console
 from starlette.testclient import TestClient
@@ -87,7 +88,7 @@ def test_a_call_is_not_repeated_unless_its_module_is_listed_here(spec, results, 
 
 def test_what_a_function_has_not_reads_as_a_dash(spec, results):
     store = open_store("memory://")
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     store.campaigns.move(campaign, "running")
     store.episodes.commit(campaign, [Delivery(result, "by hand") for result in results])
     summary = find_summary(store, store.campaigns.get(campaign))

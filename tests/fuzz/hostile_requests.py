@@ -27,6 +27,7 @@ from typing import Any
 from urllib.parse import quote, urlencode
 
 import psutil
+from accepted import accept_spec
 from fastapi.routing import APIRoute
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
@@ -262,7 +263,7 @@ class Target:
 
 def fill(store: Any) -> None:
     """Campaign 1 with failures and an analysis, campaign 2 that waits."""
-    full = store.campaigns.create(spec(episodes=20, name="full")).id
+    full = store.campaigns.create(accept_spec(spec(episodes=20, name="full"))).id
     store.campaigns.move(full, "running")
     results = [
         collision(0),
@@ -272,7 +273,7 @@ def fill(store: Any) -> None:
     ]
     store.episodes.commit(full, [Delivery(each, "w") for each in results])
     store.analyses.create(full, AnalysisSettings(clusters=1))
-    store.campaigns.create(spec(episodes=5, name="empty"))
+    store.campaigns.create(accept_spec(spec(episodes=5, name="empty")))
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import time
 import deadlines
 import numpy as np
 import pytest
+from accepted import accept_spec
 
 from eigenfail import plugins
 from eigenfail.values.campaign import CampaignState
@@ -35,7 +36,7 @@ def digest_in_one_process() -> str:
 
 def test_a_campaign_on_postgres_has_the_digest_of_the_bare_loop(postgres_url: str) -> None:
     store = open_store(postgres_url)
-    campaign = store.campaigns.create(SPEC).id
+    campaign = store.campaigns.create(accept_spec(SPEC)).id
     services = subprocess.Popen(
         [sys.executable, "-m", "eigenfail_services", "--database", postgres_url,
          "--launcher", "none"],

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from unittest.mock import patch
 
 import pytest
+from accepted import accept_spec
 from benchmarks.faults import fake_worker
 from benchmarks.faults.fake_services import FakeLearner, context_of, fake_hub, fake_learners, quiet
 from benchmarks.faults.fake_worker import FakeEngine, FakeWorker
@@ -57,7 +58,7 @@ class House:
         self.cut: set[bytes] = set()
         self.held_up: list[tuple[deque[Any], Any]] = []
         self.store = open_store("memory://")
-        self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
+        self.campaign = self.store.campaigns.create(accept_spec(spec(episodes=EPISODES))).id
         self.workers = {b"a": FakeWorker(), b"b": FakeWorker()}
         self.open(launch_after=0)
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from accepted import accept_spec
 from benchmarks.faults.fake_services import LAYER, context_of, fake_hub, fake_learners, quiet
 from benchmarks.faults.fake_worker import FakeWorker
 
@@ -46,7 +47,7 @@ class Room:
         monkeypatch.setattr(commits, "time", clock)
         self.store = open_store("memory://")
         self.hub, self.router = fake_hub(self.store)
-        self.campaign = self.store.campaigns.create(spec(episodes=3)).id
+        self.campaign = self.store.campaigns.create(accept_spec(spec(episodes=3))).id
         self.hub.launch(RunSpec(self.campaign, SETUP, "monte_carlo", {}, 0, context_of(3)))
 
     def say(self, *messages: Message, by: bytes = b"w") -> list[Message]:

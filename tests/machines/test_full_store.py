@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from accepted import accept_spec
 from benchmarks.faults.fake_services import context_of, fake_hub, fake_learners, quiet
 
 from eigenfail.errors import StoreUnwritable
@@ -35,7 +36,7 @@ class Room:
         self.store = open_store("memory://")
         self.break_(monkeypatch, part, verb)
         self.hub, self.router = fake_hub(self.store)
-        self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
+        self.campaign = self.store.campaigns.create(accept_spec(spec(episodes=EPISODES))).id
         order = RunSpec(self.campaign, spec().setup(), "monte_carlo", {}, 0, context_of(EPISODES))
         self.hub.launch(order)
 

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
+from accepted import accept_spec
 from benchmarks.faults.fake_services import fake_learners, quiet
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -66,7 +67,7 @@ class Service(RuleBasedStateMachine):
     @rule()
     def create(self) -> None:
         spec = CampaignSpec(name="t", method="monte_carlo", episodes=EPISODES)
-        self.house.campaigns.append(self.house.store.campaigns.create(spec).id)
+        self.house.campaigns.append(self.house.store.campaigns.create(accept_spec(spec)).id)
         self.house.turn()
 
     @busy

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
+from accepted import accept_spec
 from benchmarks.faults.fake_services import fake_hub, fake_learners
 from inprocess import NoAnalyses
 from structlog.testing import capture_logs
@@ -97,7 +98,7 @@ class Pair:
     def __init__(self, stores: list[Store], now_s: list[float]) -> None:
         self.store, self.now_s = stores[0], now_s
         self.services = [Service(store, now_s) for store in stores]
-        self.campaign = self.store.campaigns.create(SPEC).id
+        self.campaign = self.store.campaigns.create(accept_spec(SPEC)).id
 
     @property
     def progress(self) -> int:

@@ -1,5 +1,6 @@
 """The schema: made, compared, and brought forward, on both databases."""
 
+import hashlib
 import shutil
 from contextlib import closing
 from pathlib import Path
@@ -90,6 +91,17 @@ def test_the_migrations_lead_to_the_tables_of_the_program(url, look) -> None:
     assert look(url, differences) == []
     assert look(url, tables) == set(schema.metadata.tables) | {schema.VERSION_TABLE}
     assert look(url, migrate.find_version) == migrate.read_version(url) == schema.VERSION
+
+
+COLUMNS = {"1002": "9895f6e4d33a3d9881a537a66e6515007a00de840e1b8577700e66637b0fd3fa"}
+"""SHA-256 of the names of all columns, by the version of the schema."""
+
+
+def test_other_columns_are_another_version() -> None:
+    """A database that lacks a column would be opened, and fail later, if its version were equal."""
+    names = sorted(str(each) for one in schema.metadata.sorted_tables for each in one.columns)
+    digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
+    assert {schema.VERSION: digest} == COLUMNS
 
 
 def test_a_difference_would_be_seen(url, look) -> None:
@@ -202,7 +214,7 @@ def test_an_upgrade_that_fails_leaves_everything_as_it_was(url, look, tomorrow) 
     group="storage",
     outcome="If no migration leads from its schema, it is refused and left unchanged.",
 )
-@pytest.mark.parametrize("other", ["0029", "9999"])
+@pytest.mark.parametrize("other", ["0029", "1001", "9999"])
 def test_a_database_of_another_version_is_refused_and_left_alone(url, look, other) -> None:
     store = open_store(url)
     running(store)

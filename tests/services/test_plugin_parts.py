@@ -9,6 +9,7 @@ from time import monotonic, sleep
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from plugin_absence import ROOT, forget_entry_points
 from sqlalchemy import inspect, text
 from structlog.testing import capture_logs
@@ -143,7 +144,7 @@ def test_the_tables_stay_and_the_core_works_without_the_plugin(bring, url):
     execute(url, "INSERT INTO plugin_sheep VALUES ('Dolly')")
     bring(plugins.TABLES)
     store = open_store(url)
-    assert store.campaigns.create(spec()).id == 1
+    assert store.campaigns.create(accept_spec(spec())).id == 1
     store.close()
     # PostgreSQL has a command of its own for this.
     if url.startswith("sqlite"):
@@ -163,7 +164,7 @@ def test_the_tables_stay_and_the_core_works_without_the_plugin(bring, url):
 def test_tables_that_cannot_be_used_are_logged_and_left_out(bring, caplog, url, code, said):
     bring(plugins.TABLES, sheep=code, goats=FIRST.replace("sheep", "goats"))
     store = open_store(url)
-    assert store.campaigns.create(spec()).id == 1
+    assert store.campaigns.create(accept_spec(spec())).id == 1
     store.close()
     assert ask(url, lambda c: inspect(c).has_table("plugin_goats"))
     assert "The tables of the plug-in 'sheep' are left out." in caplog.text
@@ -236,7 +237,7 @@ def test_the_example_of_the_documents_reads_each_event_once(bring, tmp_path):
     url = f"sqlite:///{tmp_path / 'a.db'}"
     bring(plugins.TABLES, diary=f"{code}\npart = tables\n")
     store = open_store(url)
-    campaigns = [store.campaigns.create(spec(name=name)).id for name in ("one", "two")]
+    campaigns = [store.campaigns.create(accept_spec(spec(name=name))).id for name in ("one", "two")]
     write_diary = sys.modules["eigenfail_diary"].write_diary
     for campaign in campaigns:
         for state in (CampaignState.RUNNING, CampaignState.DONE):

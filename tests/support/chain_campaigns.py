@@ -1,5 +1,7 @@
 """Campaigns of chains, from the failures of an earlier campaign, run in this process."""
 
+from accepted import accept_spec
+
 from eigenfail import plugins
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -22,7 +24,7 @@ class Campaigns:
     def create(self, **fields) -> int:
         given = {"name": "t", "planner": "idm", "simulator": "point_mass"} | fields
         spec = validate_campaign(CampaignSpec(**given), self.store).spec
-        return self.store.campaigns.create(spec).id
+        return self.store.campaigns.create(accept_spec(spec)).id
 
     def finish(self, number: int) -> int:
         spec = self.store.campaigns.move(number, CampaignState.RUNNING).spec

@@ -10,6 +10,8 @@ from typer.testing import CliRunner
 
 sys.path.append(str(Path(__file__).parent))
 
+from accepted import accept_spec
+
 from eigenfail import plugins
 from eigenfail.cli.connection import Environment
 from eigenfail.cli.main import app
@@ -55,7 +57,7 @@ def played(store):
         wanted = {"name": "played", "method": "monte_carlo", "planner": "idm"}
         wanted |= {"simulator": "point_mass", "scene_every": 1, "episodes": EPISODES}
         spec = CampaignSpec(**wanted | fields)
-        campaign = store.campaigns.create(spec).id
+        campaign = store.campaigns.create(accept_spec(spec)).id
         store.campaigns.move(campaign, CampaignState.RUNNING)
         engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
         tasks = [EpisodeTask(index, 5 + index, PriorSource()) for index in range(episodes)]

@@ -1,6 +1,7 @@
 """The section of a report on the regions of its campaigns."""
 
 import pytest
+from accepted import accept_spec
 from campaigns_here import run_here
 
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -30,7 +31,7 @@ def run(store):
             scenario_parameters=parameters,
             seed=1,
         )
-        return store.campaigns.get(run_here(store, store.campaigns.create(spec).id))
+        return store.campaigns.get(run_here(store, store.campaigns.create(accept_spec(spec)).id))
 
     return start
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
@@ -42,7 +43,7 @@ def chains(client, store):
     before = client.campaigns.create(**FIELDS)
     spec = {**FIELDS, "method": "chains", "episodes": 80, "settings": SETTINGS}
     # The service creates it only once campaign 1 has ended and has failures.
-    made = store.campaigns.create(type(before.spec)(**spec))
+    made = store.campaigns.create(accept_spec(type(before.spec)(**spec)))
     starts = np.random.default_rng(0).normal(1.5, 0.5, (9, 20, 2)).astype(np.float32)
     learner = FailureChains(LearnerContext(1, 80, 20, starts), ChainSettings(**SETTINGS))
     rounds = Rounds(learner, 0, 80)

@@ -1,8 +1,8 @@
 """References in the settings of a campaign: noise, episodes and learners of earlier campaigns.
 
-They are checked once, before the campaign is created, and stored with it. What they name has ended
-by then: only its noise can still be lost. So the claim of a campaign reads what its row names, as
-the context of the learner.
+The references are checked once, before the campaign is created, and stored with it. What they name
+has ended by then: only its noise can still be lost. So the claim of a campaign reads what its row
+names, as the context of the learner.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from eigenfail.contracts import Injection, Reference
-from eigenfail.errors import InvalidValue, NotFound, ProtocolError
+from eigenfail.errors import InputError, InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import traits_of
 from eigenfail.values.analysis import Analysis, FailureMode
 from eigenfail.values.arrays import Floats
@@ -49,9 +49,9 @@ def check_references(campaign: resolution.ResolvedCampaign, store: "Store") -> N
     """Make sure that everything that the settings of a campaign name can be used.
 
     Raises:
-        UnknownName: the method of an earlier campaign is not installed here.
         InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
-            nothing, is pruned, or has episodes of another length or with other channels.
+            nothing, is pruned, or has episodes of another length or with other channels; or its
+            method is not installed here.
     """
     references = campaign.references
     _check_noise(campaign, store)
@@ -185,8 +185,8 @@ def _check_predecessor(
         store: where it is.
 
     Raises:
-        UnknownName: its method is not installed here.
-        InvalidValue: it has not ended, has other channels, or has learnt nothing of use.
+        InvalidValue: it has not ended, has other channels, or has learnt nothing of use; or its
+            method is not installed here.
     """
     searching, before = campaign.searching, _find_ended(number, field, store)
     _check_channels(before, field, campaign.form.channels)
@@ -300,14 +300,14 @@ def find_knowledge(before: Campaign, field: str) -> resolution.ResolvedMethod:
     """Return the method of an earlier campaign, whose knowledge is to be used.
 
     Raises:
-        UnknownName: the method is not installed here.
-        InvalidValue: it has no knowledge to be used, or refuses its settings by now.
+        InvalidValue: the method is not installed here, has no knowledge to be used, or refuses its
+            settings by now.
     """
-    spec = before.spec
-    method = resolution.resolve_method(
-        spec.method, spec.settings, f"settings of campaign {before.id}"
-    )
-    learning = resolution.find_searching(method)
+    try:
+        method = resolution.resolve_method(before.spec.method, before.spec.settings)
+        learning = resolution.find_searching(method)
+    except InputError as error:
+        raise InvalidValue(field, f"campaign {before.id}: {error.problem}", error.remedy) from error
     if not learning.description.exploits:
         problem = (
             f"campaign {before.id} is one of {learning.name}, which learns nothing that could be"

@@ -20,7 +20,7 @@ from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.summary import count_unresolved
 from eigenfail_services.comparison.comparability import flatten_spec
-from eigenfail_services.store.analyses import UNFINISHED
+from eigenfail_services.store.retention import UNFINISHED
 from eigenfail_services.store.store import Store
 
 MOST_CAMPAIGNS = 2_000

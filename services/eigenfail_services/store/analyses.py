@@ -26,7 +26,7 @@ from eigenfail_services.store.events import EventSubject, append_event
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.listing import contains_text
-from eigenfail_services.store.retention import hold_noise
+from eigenfail_services.store.retention import UNFINISHED, hold_noise
 from eigenfail_services.store.schema import (
     analyses,
     mode_members,
@@ -36,8 +36,6 @@ from eigenfail_services.store.schema import (
 )
 
 Read = TypeVar("Read", bound=Struct)
-
-UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
 _PARSERS: dict[str, Callable[[Any], Any]] = {
     "settings": codec.to_settings,

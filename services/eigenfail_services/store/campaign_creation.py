@@ -1,18 +1,16 @@
 """Creation of campaigns, which a request that is repeated with its key does not repeat."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from hashlib import sha256
 
 import msgspec
 from sqlalchemy import Connection, insert, select
 
-from eigenfail.errors import EigenfailError, IdempotencyMismatch
-from eigenfail.values.campaign import Campaign, EpisodeForm
+from eigenfail.errors import IdempotencyMismatch
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import JobKind
-from eigenfail.worlds import world_of
-from eigenfail_services import resolution
+from eigenfail_services.resolution import CheckedCampaign
 from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.campaign_rows import insert_campaign, name_campaign, read_campaign
 from eigenfail_services.store.codec import spec_hash
@@ -26,49 +24,29 @@ class NewCampaign(msgspec.Struct, frozen=True):
     """A campaign to be created.
 
     Attributes:
-        checked: its spec, and what was found out of it.
+        checked: its spec, and what its check has found about it.
         key: idempotency key, with which it is created once; None without one.
         asked: SHA-256 of what the request with the key asks for.
     """
 
-    checked: resolution.CheckedCampaign
+    checked: CheckedCampaign
     key: str | None
     asked: str
 
 
-Wanted = CampaignSpec | resolution.CheckedCampaign
-"""A campaign that is wanted; of a spec alone, the rest is found where its plug-ins are known."""
-
-
-def request_one(wanted: Wanted, key: str | None = None) -> NewCampaign:
+def request_one(wanted: CheckedCampaign, key: str | None = None) -> NewCampaign:
     """Return the campaign that a request for one asks for."""
-    checked = _find_rest(wanted)
-    return NewCampaign(checked, key, spec_hash(checked.spec))
+    return NewCampaign(wanted, key, spec_hash(wanted.spec))
 
 
-def request_many(wanted: Sequence[Wanted], key: str | None) -> list[NewCampaign]:
+def request_many(wanted: Sequence[CheckedCampaign], key: str | None) -> list[NewCampaign]:
     """Return the campaigns that a request for a list asks for."""
-    campaigns = list(map(_find_rest, wanted))
     # The hash is of the whole list: a list that only begins alike is another request.
-    asked = hash_specs([each.spec for each in campaigns])
+    asked = hash_specs([each.spec for each in wanted])
     return [
         NewCampaign(each, key and derive_key(key, place), asked)
-        for place, each in enumerate(campaigns)
+        for place, each in enumerate(wanted)
     ]
-
-
-def _find_rest(wanted: Wanted) -> resolution.CheckedCampaign:
-    """Return a campaign with what can be found out of it here, if no check has done so."""
-    if isinstance(wanted, resolution.CheckedCampaign):
-        return wanted
-    form, references = EpisodeForm(), resolution.CampaignReferences()
-    with suppress(EigenfailError):
-        form = world_of(wanted.simulator).find_form(wanted)
-    with suppress(EigenfailError):
-        references = resolution.find_references(
-            resolution.find_searching(resolution.resolve_method(wanted.method, wanted.settings))
-        )
-    return resolution.CheckedCampaign(wanted, form, references)
 
 
 def create_campaigns(

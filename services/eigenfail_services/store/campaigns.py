@@ -22,11 +22,10 @@ from eigenfail.values.operations import Versions
 from eigenfail.values.records import Job, JobKind, Page
 from eigenfail.values.suite import SuiteStanding
 from eigenfail.versions import describe_mixed
-from eigenfail_services.resolution import CampaignReferences
+from eigenfail_services.resolution import CampaignReferences, CheckedCampaign
 from eigenfail_services.store import listing
 from eigenfail_services.store.campaign_creation import (
     NewCampaign,
-    Wanted,
     create_campaigns,
     derive_key,
     request_many,
@@ -64,12 +63,12 @@ class CampaignStore(StorePart):
     """Campaigns and their states."""
 
     def create(
-        self, wanted: Wanted, idempotency_key: str | None = None, made_by: int | None = None
+        self, given: CheckedCampaign, idempotency_key: str | None = None, made_by: int | None = None
     ) -> Campaign:
         """Create a campaign, queued with a job; return the same one again for the same key.
 
         Args:
-            wanted: the campaign.
+            given: the campaign.
             idempotency_key: identifies this request for ever.
             made_by: id of the API key of the request, whose quotas apply.
 
@@ -77,11 +76,11 @@ class CampaignStore(StorePart):
             IdempotencyMismatch: the key was used for another spec, whatever its priority.
             QuotaExceeded: the API key does not allow more.
         """
-        return self.create_all([request_one(wanted, idempotency_key)], made_by)[0]
+        return self.create_all([request_one(given, idempotency_key)], made_by)[0]
 
     def create_many(
         self,
-        wanted: Sequence[Wanted],
+        wanted: Sequence[CheckedCampaign],
         idempotency_key: str | None = None,
         made_by: int | None = None,
     ) -> tuple[Campaign, ...]:
@@ -172,9 +171,14 @@ class CampaignStore(StorePart):
         return self._database.read(read_campaign, campaign)
 
     def read_references(self, campaign: int) -> CampaignReferences:
-        """Return what the settings of a campaign name, as it was found when it was created."""
+        """Return what the settings of a campaign name, as it was found when it was created.
+
+        Raises:
+            NotFound: no such campaign.
+        """
         query = select(campaigns.c.references).where(campaigns.c.id == campaign)
         with self._database.reading() as connection:
+            read_campaign(connection, campaign)
             return to_references(connection.execute(query).scalar_one())
 
     def page(

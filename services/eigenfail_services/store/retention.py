@@ -39,8 +39,12 @@ NOISE = (trajectories.c.campaign == episodes.c.campaign) & (
 )
 
 
-def _is_losable(campaign: Any, rule: Any) -> sa.ColumnElement[bool]:
-    """Return whether an episode of a campaign loses its noise to a rule: values, or columns."""
+def _select_prunable(
+    campaign: int | sa.Column[int], rule: Retention | sa.sql.ColumnCollection[str, Any]
+) -> sa.ColumnElement[bool]:
+    """Select the episodes of a campaign that lose their noise to a rule: values, or columns."""
+    # What is pruned and what a pruning explains must be the same: noise that is missing and that no
+    # pruning explains counts as a defect.
     return sa.and_(
         episodes.c.campaign == campaign,
         episodes.c.outcome == Outcome.SAFE,
@@ -49,7 +53,9 @@ def _is_losable(campaign: Any, rule: Any) -> sa.ColumnElement[bool]:
     )
 
 
-NOISE_PRUNED = (prunings.c.through >= episode_index) & _is_losable(prunings.c.campaign, prunings.c)
+NOISE_PRUNED = (prunings.c.through >= episode_index) & _select_prunable(
+    prunings.c.campaign, prunings.c
+)
 """Whether an episode has lost its noise to a pruning: as `Pruning.took` says."""
 
 _SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
@@ -81,7 +87,7 @@ class RetentionStore(StorePart):
             sa.func.count(scenes.c.campaign),
             sa.func.coalesce(sa.func.sum(_BYTES), 0),
         )
-        query = _select_with_blobs(*sums).where(_is_losable(campaign, rule))
+        query = _select_with_blobs(*sums).where(_select_prunable(campaign, rule))
         with self._database.reading() as connection:
             read_campaign(connection, campaign)
             counted, sights, size = connection.execute(query).one()
@@ -154,7 +160,7 @@ def _next_slice(
     )
     query = (
         _select_with_blobs(episode_index, _BYTES.label("bytes"), _HAS_SCENE.label("has_scene"))
-        .where(_is_losable(campaign, rule), episode_index > last.scalar_subquery())
+        .where(_select_prunable(campaign, rule), episode_index > last.scalar_subquery())
         .order_by(episode_index)
         .limit(SLICE)
     )

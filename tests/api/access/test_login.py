@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from accepted import accept_spec
 from starlette.testclient import TestClient
 
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -163,7 +164,7 @@ LAUNCH = re.compile(r'<button[^>]*value="launch".*?>')
 
 @pytest.mark.parametrize(("scope", "reads_only"), [("viewer", True), ("runner", False)])
 def test_what_is_not_theirs_to_press_says_so(store, browser, sign_in, scope, reads_only):
-    campaign = store.campaigns.create(CampaignSpec(**SPEC)).id
+    campaign = store.campaigns.create(accept_spec(CampaignSpec(**SPEC))).id
     sign_in(scope)
     page, form = browser.get(f"/campaigns/{campaign}").text, browser.get("/launch").text
     buttons = BUTTONS.findall(page) + LAUNCH.findall(form)

@@ -1,6 +1,7 @@
 """Two campaigns side by side, and how diverse failures are, as pages."""
 
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from tests.support.chart_tables import read_headings, read_rows
 
@@ -63,7 +64,7 @@ def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
     )
     assert read_rows(chart.table)[4][2] == read_rows(chart.table)[9][1] == "4"
     assert read_rows(chart.table)[5][2] == "–"
-    nothing = store.campaigns.create(store.campaigns.get(unpaid).spec)
+    nothing = store.campaigns.create(accept_spec(store.campaigns.get(unpaid).spec))
     assert make_bill_charts([find_spending(store, nothing)], []) == ()
 
 

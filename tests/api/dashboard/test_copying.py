@@ -8,6 +8,7 @@ import time
 import deadlines
 import msgspec
 import pytest
+from accepted import accept_spec
 
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -74,7 +75,7 @@ def test_the_command_launches_the_campaign_that_the_form_launches(address, store
 def pair(store, deliver, result):
     """Two campaigns of a suite, the first with an episode."""
     spec = msgspec.convert({**BODY, "name": "nightly one: a/b 'c'"}, CampaignSpec)
-    one, other = (store.campaigns.create(spec).id for _ in range(2))
+    one, other = (store.campaigns.create(accept_spec(spec)).id for _ in range(2))
     deliver(one, result(0))
     return one, other
 

@@ -1,6 +1,7 @@
 """What the episode's page leads to: account, clip, replay."""
 
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 
 from eigenfail.errors import ServiceBusy, ServiceError
@@ -62,7 +63,7 @@ def test_a_failure_of_a_function_shows_its_robustness_alone(look, store, deliver
         planner="my_module:robustness",
         scenario_parameters={"steps": 4},
     )
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     deliver(campaign, replace(result(0, Outcome.COLLISION), scene=None, measures=Measures(0.0)))
     text = look(f"/campaigns/{campaign}/episodes/0")
     assert "Robustness 0 log p" in text
@@ -201,7 +202,7 @@ def test_a_replay_elsewhere_says_what_is_other_there(check_page, store, campaign
         planner="rulebook",
         scenario_parameters={"distance_m": 60.0},
     )
-    again = store.campaigns.create(spec).id
+    again = store.campaigns.create(accept_spec(spec)).id
     deliver(again, result(0))
     check_page("dashboard/replay/elsewhere", f"/replays/{again}")
 
@@ -211,6 +212,6 @@ def test_a_replay_whose_source_has_no_result_is_not_judged(
 ):
     settings = {"campaign": campaign, "episodes": (7,)}
     spec = replace(store.campaigns.get(campaign).spec, method="replay", settings=settings)
-    again = store.campaigns.create(spec).id
+    again = store.campaigns.create(accept_spec(spec)).id
     deliver(again, result(0))
     check_page("dashboard/replay/without_source", f"/replays/{again}")

@@ -6,6 +6,7 @@ from html import unescape
 import msgspec
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from store_checks.examples import analyse_function
 from tests.support.chart_tables import read_headings, read_rows
@@ -126,7 +127,9 @@ def test_how_modes_spread_is_told_only_of_modes_that_are_distinct(found):
 def test_an_analysis_omits_early_failures_of_methods_that_learn(
     store, method, failures, is_left_out
 ):
-    made = store.campaigns.create(CampaignSpec(name="one", method=method, episodes=100))
+    made = store.campaigns.create(
+        accept_spec(CampaignSpec(name="one", method=method, episodes=100))
+    )
     settings = AnalysisSettings(failures=failures)
     assert leaves_early_out(settings, [made]) == is_left_out
 

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from tests.support.chart_tables import read_rows
 
@@ -111,7 +112,7 @@ def test_a_function_has_a_price_but_no_traffic(check_page, store, deliver, resul
         planner="my_module:robustness",
         scenario_parameters={"steps": 4},
     )
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     deliver(campaign, result(0))
     check_page("dashboard/measures/function", f"/campaigns/{campaign}/measures")
 

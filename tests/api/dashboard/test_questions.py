@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from accepted import accept_spec
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from starlette.testclient import TestClient
@@ -49,7 +50,7 @@ def browse(database, monkeypatch):
 def add(store, count, episodes):
     """Campaigns with results of their own."""
     for _ in range(count):
-        campaign = store.campaigns.create(spec(episodes=episodes)).id
+        campaign = store.campaigns.create(accept_spec(spec(episodes=episodes))).id
         running = store.campaigns.move(campaign, CampaignState.RUNNING)
         deliver(store, running, collision(0), *(result(index) for index in range(1, episodes)))
 
@@ -112,7 +113,7 @@ def test_the_pages_of_a_campaign_take_its_number_of_results_from_its_row(databas
 
 
 def test_answers_as_of_a_campaign_are_of_its_results_when_it_was_read(database):
-    first, second = (database.campaigns.create(spec(episodes=3)).id for _ in range(2))
+    first, second = (database.campaigns.create(accept_spec(spec(episodes=3))).id for _ in range(2))
 
     def totals(campaign):
         return database.figures.totals([campaign])[campaign]

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 
 from eigenfail import plugins, replays
 from eigenfail.errors import InvalidValue
@@ -25,7 +26,7 @@ LATER = ("--from", 2, "--every", 20)
 def crash(store):
     """The id of a stored collision of the rulebook planner, index 3 of its campaign."""
     spec = CampaignSpec(name="wave", method="monte_carlo", episodes=9)
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     store.campaigns.move(campaign, "running")
     engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
     (result,) = engine.run([episode.EpisodeTask(3, 5, episode.TrajectorySource(WAVE))])

@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from accepted import accept_spec
 
 from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.errors import InvalidValue, NotFound
@@ -28,7 +29,7 @@ FIELDS: dict[str, Any] = {
 
 def ended(store: Store, **changes: Any) -> Campaign:
     """A campaign that is done."""
-    made = store.campaigns.create(CampaignSpec(**FIELDS | changes))
+    made = store.campaigns.create(accept_spec(CampaignSpec(**FIELDS | changes)))
     store.campaigns.move(made.id, CampaignState.RUNNING)
     return store.campaigns.move(made.id, CampaignState.DONE)
 
@@ -136,7 +137,7 @@ def test_a_clone_is_checked() -> None:
 
 
 def test_only_what_has_ended_and_learns_can_be_built_upon(store: Store) -> None:
-    queued = store.campaigns.create(CampaignSpec(**{**FIELDS, "method": "ast"}))
+    queued = store.campaigns.create(accept_spec(CampaignSpec(**{**FIELDS, "method": "ast"})))
     assert not [*drafts.list_continuations(queued)]
     assert not [*drafts.list_continuations(ended(store))]
     assert not [*drafts.list_continuations(ended(store, method="gone"))]
@@ -162,7 +163,9 @@ def test_words_on_repeating_are_those_of_the_method() -> None:
 def test_campaigns_that_differ_in_their_seeds_alone_are_one_group(store: Store) -> None:
     made = [
         store.campaigns.create(
-            CampaignSpec(**{**FIELDS, "planner": planner, "name": f"{seed}"}, seed=seed)
+            accept_spec(
+                CampaignSpec(**{**FIELDS, "planner": planner, "name": f"{seed}"}, seed=seed)
+            )
         )
         for planner in ("idm", "rulebook")
         for seed in range(2)
@@ -173,8 +176,10 @@ def test_campaigns_that_differ_in_their_seeds_alone_are_one_group(store: Store) 
 
 def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> None:
     made = [
-        store.campaigns.create(CampaignSpec(**FIELDS)),
-        store.campaigns.create(CampaignSpec(**{**FIELDS, "method": "gone", "settings": {"x": 1}})),
+        store.campaigns.create(accept_spec(CampaignSpec(**FIELDS))),
+        store.campaigns.create(
+            accept_spec(CampaignSpec(**{**FIELDS, "method": "gone", "settings": {"x": 1}}))
+        ),
     ]
     found = {each.path: each for each in compare_settings(made)}
     assert found["settings.round_size"].values == ("100", "–")
@@ -185,7 +190,10 @@ def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> No
 
 
 def test_what_is_picked_is_there_and_not_too_much(store: Store) -> None:
-    made = [store.campaigns.create(CampaignSpec(**FIELDS)).id for _ in range(sides.MOST + 1)]
+    made = [
+        store.campaigns.create(accept_spec(CampaignSpec(**FIELDS))).id
+        for _ in range(sides.MOST + 1)
+    ]
     assert [each.id for each in sides.pick_campaigns([2, 1, 2], store)] == [2, 1]
     assert len(sides.pick_campaigns(made[: sides.MOST], store)) == sides.MOST
     with pytest.raises(InvalidValue, match="13 campaigns are named"):

@@ -1,5 +1,6 @@
 """How long an episode without a collision lasts, as a campaign keeps it."""
 
+from accepted import accept_spec
 from msgspec.structs import replace
 
 from eigenfail import functions
@@ -11,26 +12,30 @@ SPEC = CampaignSpec(name="first", method="monte_carlo", episodes=10)
 
 
 def test_form_is_that_of_the_scenario(store: Store) -> None:
-    form = store.campaigns.create(SPEC).form
+    form = store.campaigns.create(accept_spec(SPEC)).form
     assert form == EpisodeForm(100, 0.1, ("longitudinal", "lateral"))
 
 
 def test_form_is_read_with_its_campaign(store: Store) -> None:
-    made = store.campaigns.create(SPEC)
+    made = store.campaigns.create(accept_spec(SPEC))
     assert store.campaigns.get(made.id).form == made.form
 
 
 def test_form_of_a_bridge_is_what_the_campaign_says(store: Store) -> None:
     given = {"steps": 40, "dt_s": 0.25}
-    made = store.campaigns.create(replace(SPEC, simulator="bridge", scenario_parameters=given))
+    made = store.campaigns.create(
+        accept_spec(replace(SPEC, simulator="bridge", scenario_parameters=given))
+    )
     assert (made.form.steps, made.form.step_s) == (40, 0.25)
 
 
 def test_steps_of_a_function_have_no_duration(store: Store) -> None:
     function = {"simulator": functions.SIMULATOR, "scenario": "function", "planner": "m:f"}
-    made = store.campaigns.create(replace(SPEC, **function, scenario_parameters={"steps": 7}))
+    made = store.campaigns.create(
+        accept_spec(replace(SPEC, **function, scenario_parameters={"steps": 7}))
+    )
     assert (made.form.steps, made.form.step_s) == (7, None)
 
 
 def test_campaign_of_a_scenario_that_is_not_here_has_no_form(store: Store) -> None:
-    assert store.campaigns.create(replace(SPEC, scenario="gone")).form == EpisodeForm()
+    assert store.campaigns.create(accept_spec(replace(SPEC, scenario="gone"))).form == EpisodeForm()

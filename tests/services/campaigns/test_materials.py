@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 import pytest
+from accepted import accept_spec
 from resolved import resolve_campaign
 from store_checks.examples import deliver, name_channels, result_of
 
@@ -41,7 +42,7 @@ class House:
     def create(self, **fields) -> int:
         spec = make_spec(**fields)
         references.check_references(resolve_campaign(spec), self.store)
-        return self.store.campaigns.create(spec).id
+        return self.store.campaigns.create(accept_spec(spec)).id
 
     def context(self, campaign: int):
         return references.learner_context(self.store.campaigns.get(campaign), self.store)
@@ -275,7 +276,7 @@ def test_of_too_many_episodes_the_least_robust_and_an_even_sample_are_kept(
 def ended(store, channels: int, **fields) -> int:
     """A campaign on noise of so many channels that is done, with one failure."""
     spec = CampaignSpec(name="t", method="monte_carlo", episodes=2, **name_channels(channels))
-    made = store.campaigns.create(msgspec.structs.replace(spec, **fields))
+    made = store.campaigns.create(accept_spec(msgspec.structs.replace(spec, **fields)))
     store.campaigns.move(made.id, CampaignState.RUNNING)
     failure = result_of(channels, 1, outcome=episode.Outcome.COLLISION)
     deliver(store, made, result_of(channels), failure)
@@ -303,7 +304,7 @@ def test_learners_are_given_noise_of_all_channels(memory: House, channels: int) 
         (on_noise(channels, "replay", campaign=before), 1),
         (on_noise(channels, "replay", campaign=before, episodes=[1, 0]), 2),
     ):
-        context = memory.context(memory.store.campaigns.create(spec).id)
+        context = memory.context(memory.store.campaigns.create(accept_spec(spec)).id)
         assert context.trajectories.shape == (count, 3, channels)
         assert context.channels == channels
     experience = experience_of(on_noise(channels, "difs", data_from=[before]), memory.store)
@@ -332,6 +333,25 @@ def test_what_other_channels_taught_is_refused(
     with pytest.raises(InvalidValue, match=words) as refused:
         references.check_references(resolve_campaign(spec), memory.store)
     assert refused.value.field == f"settings.{name}"
+
+
+@pytest.mark.parametrize(
+    ("before", "told"),
+    [
+        ({"method": "gone"}, "method: 'gone' is not known"),
+        ({"method": "cem", "settings": {"batch": -1}}, "settings.batch: "),
+        ({"method": "cem", "settings": {"gone": 1}}, "settings: 'gone'"),
+        ({"method": "ensemble", "settings": {"method": "gone"}}, "'gone' is not known"),
+    ],
+)
+def test_what_is_wrong_with_an_earlier_campaign_is_told_of_the_setting_that_names_it(
+    memory: House, before: dict, told: str
+) -> None:
+    number = ended(memory.store, 3, **before)
+    asked = on_noise(3, "evaluate", campaign=number)
+    with pytest.raises(InvalidValue, match=f"campaign {number}: .*{told}") as refused:
+        references.check_references(resolve_campaign(asked), memory.store)
+    assert refused.value.field == "settings.campaign"
 
 
 def test_an_even_sample_is_even() -> None:
@@ -420,7 +440,7 @@ def test_a_claim_reads_what_was_stored_and_loads_no_method(house: House, monkeyp
         {"method": "minimal", "settings": {"campaign": replayed, "episode": 1}},
         {"method": "ensemble", "settings": {**several, "members": 2}, "episodes": 60},
     )
-    made = [house.store.campaigns.create(make_spec(**fields)).id for fields in wanted]
+    made = [house.store.campaigns.create(accept_spec(make_spec(**fields))).id for fields in wanted]
 
     def refuse(group: str, name: str) -> None:
         raise AssertionError(f"{name} of {group} is loaded")

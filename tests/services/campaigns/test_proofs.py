@@ -7,6 +7,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from campaigns_here import run_here
 from resolved import resolve_campaign
 from store_checks.examples import name_channels, running
@@ -54,7 +55,7 @@ class House:
         given = {"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
         spec = CampaignSpec(**given)
         check_references(resolve_campaign(spec), self.store)
-        return self.store.campaigns.create(spec).id
+        return self.store.campaigns.create(accept_spec(spec)).id
 
     def finish(self, number: int) -> int:
         return run_here(self.store, number)
@@ -155,7 +156,7 @@ def test_a_proof_that_an_earlier_release_queued_is_not_queued_again(house) -> No
     (same, *_) = summarise_proof(house.store, house.store.analyses.get(1)).scenarios
     replay = house.store.campaigns.get(same.campaign)
     key = f"replay 0 of analysis 1: {sha256(QUEUED_BEFORE.encode()).hexdigest()}"
-    assert house.store.campaigns.create(replay.spec, key).id == replay.id
+    assert house.store.campaigns.create(accept_spec(replay.spec), key).id == replay.id
 
 
 def test_the_words_of_a_mode_name_its_medoid_and_agree_with_its_noise(house) -> None:

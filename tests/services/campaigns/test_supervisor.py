@@ -3,6 +3,7 @@
 from queue import SimpleQueue
 
 import pytest
+from accepted import accept_spec
 
 from eigenfail.errors import NotFound, StoreUnavailable
 from eigenfail.values.analysis import AnalysisSettings
@@ -63,7 +64,7 @@ class House:
 
     def create(self, **fields) -> int:
         spec = CampaignSpec(**{"name": "t", "method": "monte_carlo", "episodes": 5} | fields)
-        return self.store.campaigns.create(spec).id
+        return self.store.campaigns.create(accept_spec(spec)).id
 
     def state(self, campaign: int) -> CampaignState:
         return self.store.campaigns.get(campaign).state

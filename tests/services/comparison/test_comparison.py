@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from store_checks.examples import deliver, name_channels
 
@@ -57,7 +58,7 @@ def episode(seed: int, index: int, crashed: bool, **changes: Any) -> EpisodeResu
 
 def campaign(store: Store, crashes: Iterable[int], **changes: Any) -> int:
     """A campaign that is done, in which these episodes crashed."""
-    made = store.campaigns.create(spec(**changes))
+    made = store.campaigns.create(accept_spec(spec(**changes)))
     store.campaigns.move(made.id, CampaignState.RUNNING)
     crashed = set(crashes)
     seed = made.spec.seed
@@ -180,13 +181,13 @@ def test_it_is_said_why_episodes_are_not_paired(store: Store, changes, because) 
 def test_other_shapes_of_noise_are_not_paired(store: Store) -> None:
     a = campaign(store, range(5))
     shaped = DisturbanceModel(shape=Correlated(0.5, 0.5))
-    made = store.campaigns.create(spec(disturbance=shaped))
+    made = store.campaigns.create(accept_spec(spec(disturbance=shaped)))
     assert compare(store, [a], [made.id]).unpaired_because == "their noise differs in shape."
 
 
 def test_noise_of_other_channels_is_not_paired(store: Store) -> None:
     one, same, other = (
-        store.campaigns.create(spec(**name_channels(count))).id for count in (3, 3, 5)
+        store.campaigns.create(accept_spec(spec(**name_channels(count)))).id for count in (3, 3, 5)
     )
     assert compare(store, [one], [other]).unpaired_because == "their noise differs in its channels."
     assert "channels" not in compare(store, [one], [same]).unpaired_because
@@ -194,7 +195,7 @@ def test_noise_of_other_channels_is_not_paired(store: Store) -> None:
 
 def test_noise_is_looked_at_and_not_only_promised(store: Store) -> None:
     a = campaign(store, range(5))
-    made = store.campaigns.create(spec())
+    made = store.campaigns.create(accept_spec(spec()))
     store.campaigns.move(made.id, CampaignState.RUNNING)
     strange = [episode(0, i, False, noise=noise(1, i, 6)) for i in range(EPISODES)]
     deliver(store, made, *strange)
@@ -209,7 +210,9 @@ def test_two_campaigns_of_one_seed_on_a_side_are_not_paired(store: Store) -> Non
 
 
 def test_campaigns_without_an_episode_are_compared_as_far_as_possible(store: Store) -> None:
-    a, b = (store.campaigns.create(spec(planner=name)).id for name in ("idm", "rulebook"))
+    a, b = (
+        store.campaigns.create(accept_spec(spec(planner=name))).id for name in ("idm", "rulebook")
+    )
     found = compare(store, [a], [b])
     assert found.a.failure_rate is found.difference is found.pairs is found.effect is None
     assert found.sentences[0] == "A has completed no episode; B has completed no episode."
@@ -337,7 +340,7 @@ def test_a_setting_that_one_side_lacks_has_no_value_there() -> None:
 
 
 def test_errored_episodes_are_told_beside_the_rates(store: Store) -> None:
-    made = store.campaigns.create(spec(planner="idm"))
+    made = store.campaigns.create(accept_spec(spec(planner="idm")))
     store.campaigns.move(made.id, CampaignState.RUNNING)
     deliver(
         store,
@@ -360,7 +363,7 @@ def test_errored_episodes_are_told_beside_the_rates(store: Store) -> None:
 
 
 def test_a_side_whose_every_episode_errored_has_nothing_to_compare(store: Store) -> None:
-    made = store.campaigns.create(spec(planner="idm"))
+    made = store.campaigns.create(accept_spec(spec(planner="idm")))
     store.campaigns.move(made.id, CampaignState.RUNNING)
     deliver(store, made, *map(make_errored_result, range(10)))
     store.campaigns.move(made.id, CampaignState.DONE)

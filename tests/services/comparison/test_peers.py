@@ -2,6 +2,7 @@
 
 import msgspec
 import pytest
+from accepted import accept_spec
 from store_checks.examples import deliver, running
 
 from eigenfail.testing.examples import collision, result, spec
@@ -100,7 +101,7 @@ WHITE = {"scale": 1.0, "longitudinal_slope": 0.02, "shape": {"kind": "white"}}
 def test_a_disturbance_default_that_is_written_down_makes_no_other_peer(store, disturbance, groups):
     given = msgspec.convert(disturbance, DisturbanceModel)
     running(store, disturbance=given)
-    store.campaigns.create(spec(method="ast"))
+    store.campaigns.create(accept_spec(spec(method="ast")))
     assert len(compare_peers(store.figures.pools())) == groups
 
 
@@ -164,7 +165,7 @@ def test_campaigns_that_differ_in_more_have_no_interval_across_seeds(store, othe
 def test_a_campaign_that_has_not_begun_does_not_count_and_one_in_vain_leaves_no_interval(store):
     search(store, 0, 4)
     search(store, 1, 6)
-    store.campaigns.create(spec(method="cem", seed=2, episodes=20))
+    store.campaigns.create(accept_spec(spec(method="cem", seed=2, episodes=20)))
     assert price(store).seeds == 2
     in_vain = running(store, method="cem", seed=3, price_usd_per_hour=1.5)
     store.campaigns.add_active(in_vain.id, 60.0)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
+from accepted import accept_spec
 from sqlalchemy import update
 
 from eigenfail import plugins
@@ -73,7 +74,7 @@ class Stage:
 
     def __init__(self, store: Store, spec: CampaignSpec, links: list[HereLink]) -> None:
         self.store, self.links = store, links
-        self.campaign = store.campaigns.create(spec).id
+        self.campaign = store.campaigns.create(accept_spec(spec)).id
         running = store.campaigns.move(self.campaign, CampaignState.RUNNING)
         self.engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
         self.leases = Leases()

@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 import pytest
 import zmq
+from accepted import accept_spec
 
 from eigenfail import plugins
 from eigenfail.values.campaign import Campaign, CampaignState
@@ -81,7 +82,7 @@ class House:
     def create(self, **settings) -> int:
         """A campaign of five rounds."""
         spec = CampaignSpec(name="t", method="straying", episodes=20, settings=settings)
-        return self.store.campaigns.create(spec).id
+        return self.store.campaigns.create(accept_spec(spec)).id
 
     def astray(self, fault: str, times: int) -> int:
         """The same campaign, with a learner that goes astray."""
@@ -318,7 +319,7 @@ def test_a_method_that_is_gone_or_refuses_its_settings_ends_its_campaign(
 ) -> None:
     """It was there when the campaign was created, and the claim does not look for it again."""
     spec = CampaignSpec(name="t", method=method, episodes=20, settings=settings)
-    ended = house.ended(house.store.campaigns.create(spec).id)
+    ended = house.ended(house.store.campaigns.create(accept_spec(spec)).id)
     assert ended.state is CampaignState.DEAD
     assert told in ended.stopped_because
     assert house.losses(ended.id) == []

@@ -3,6 +3,7 @@
 from math import inf, nan
 
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import result, spec
@@ -16,7 +17,7 @@ LIES = (1e308, -1e308, -1.0, inf, -inf, nan, 8 * 86_400.0)
 
 @pytest.fixture
 def campaign(store) -> int:
-    made = store.campaigns.create(spec(episodes=20)).id
+    made = store.campaigns.create(accept_spec(spec(episodes=20))).id
     store.campaigns.move(made, "running")
     return made
 

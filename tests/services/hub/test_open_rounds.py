@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from accepted import accept_spec
 from store_checks.examples import name_channels, result_of
 
 from eigenfail.errors import StoreUnavailable
@@ -29,7 +30,7 @@ class Opened:
     def __init__(self, *, observes: bool = True, **fields: Any) -> None:
         spec = CampaignSpec(name="t", method="monte_carlo", episodes=4, **fields)
         self.store, self.leases = open_store("memory://"), Leases()
-        self.campaign = self.store.campaigns.create(spec).id
+        self.campaign = self.store.campaigns.create(accept_spec(spec)).id
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         form = find_noise_form(spec)
         self.rounds = OpenRounds(self.campaign, form, self.store, self.leases, observes=observes)

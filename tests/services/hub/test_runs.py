@@ -8,6 +8,7 @@ import deadlines
 import msgspec
 import numpy as np
 import pytest
+from accepted import accept_spec
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import episode
@@ -59,7 +60,7 @@ class Stage:
         self.links: list[PlayedLink] = []
         monkeypatch.setattr(runs.learner_link, "LearnerLink", self._link)
         self.store = open_store("memory://")
-        self.campaign = self.store.campaigns.create(SPEC).id
+        self.campaign = self.store.campaigns.create(accept_spec(SPEC)).id
         self.leases = Leases()
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         nothing = np.zeros((0, 5, 2), np.float32)

@@ -10,6 +10,7 @@ import deadlines
 import numpy as np
 import pytest
 import torch
+from accepted import accept_spec
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
@@ -72,7 +73,7 @@ def test_a_campaign_that_asks_for_it_ends_with_the_reason(monkeypatch) -> None:
     store, deadline_s = open_store("memory://"), time.monotonic() + DEADLINE_S
     settings = {**QUICK, "device": "cuda"}
     campaign = store.campaigns.create(
-        CampaignSpec(name="t", method="difs", episodes=EPISODES, settings=settings)
+        accept_spec(CampaignSpec(name="t", method="difs", episodes=EPISODES, settings=settings))
     ).id
     with closing(store), ExitStack() as stack:
         hub = Hub(store, "tcp://127.0.0.1:*")

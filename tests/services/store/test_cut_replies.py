@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from sqlalchemy import make_url
 from store_checks.examples import deliver, running
 from store_checks.jobs import claimed
@@ -115,8 +116,8 @@ def test_a_campaign_that_was_made_without_a_reply_is_made_once(
 ) -> None:
     between.armed.set()
     with pytest.raises(StoreUnavailable):
-        store.campaigns.create(spec(), "key")
-    made = store.campaigns.create(spec(), "key")
+        store.campaigns.create(accept_spec(spec()), "key")
+    made = store.campaigns.create(accept_spec(spec()), "key")
     assert [each.id for each in store.campaigns.page(9).items] == [made.id]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from hypothesis import example, given
 from hypothesis import strategies as st
 from store_checks.examples import deliver, running
@@ -53,7 +54,7 @@ def refusals(store: Store, campaign, index: int) -> list[StoreUnavailable]:
     attempts = (
         store.ping,
         store.events.last,
-        lambda: store.campaigns.create(spec()),
+        lambda: store.campaigns.create(accept_spec(spec())),
         lambda: deliver(store, campaign, result(index)),
     )
     found = []
@@ -239,7 +240,7 @@ def test_another_program_may_compact_the_database_of_a_running_service(store, pa
     assert path.stat().st_size < before
     store.ping()
     assert store.campaigns.get(campaign.id).state == "running"
-    store.campaigns.create(spec())
+    store.campaigns.create(accept_spec(spec()))
     os.truncate(path, path.stat().st_size - 4096)
     for error in refusals(store, campaign, 0):
         assert isinstance(error, StoreDamaged)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from store_checks.examples import deliver, running
 
 from eigenfail.errors import StoreUnwritable
@@ -186,7 +187,7 @@ def test_a_server_that_takes_no_writes_is_told_to_all(
         postgres.run(f"ALTER DATABASE {name} SET default_transaction_read_only = on")
         with closing(open_store(prepared_postgres_url)) as writer:
             with pytest.raises(StoreUnwritable, match="read-only transaction"):
-                writer.campaigns.create(spec())
+                writer.campaigns.create(accept_spec(spec()))
             with pytest.raises(StoreUnwritable, match="No work is handed out"):
                 looker.ping()
         looker.ping()

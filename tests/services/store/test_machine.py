@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from accepted import accept_spec
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -54,7 +55,7 @@ class Life(RuleBasedStateMachine):
         self.be_born()
 
     def be_born(self) -> None:
-        self.campaign = self.store.campaigns.create(spec(episodes=PLANNED))
+        self.campaign = self.store.campaigns.create(accept_spec(spec(episodes=PLANNED)))
         self.state = S.QUEUED
         self.results = {}
         self.again = 0

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from store_checks.crowds import at_once
 from store_checks.jobs import waited_for
 
@@ -28,6 +29,7 @@ MOST_TURNS = 2_000
 
 PREAMBLE = """
 import json, sys, time
+from accepted import accept_specs
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from store_checks.examples import deliver, running
@@ -54,7 +56,8 @@ CREATE_FOREVER = """
 store = open_store(sys.argv[1])
 acked = 0
 while True:
-    store.campaigns.create_many([spec(seed=seed) for seed in range(20)], str(acked))
+    wanted = accept_specs(spec(seed=seed) for seed in range(20))
+    store.campaigns.create_many(wanted, str(acked))
     acked += 20
     tell(acked=acked)
 """
@@ -142,7 +145,7 @@ def test_a_new_database_may_be_opened_by_many_at_once(start, tmp_path, postgres_
         at_once(lambda _, url=url: open_store(url).close())
         assert [process.wait(PATIENCE_S) for process in processes] == [0, 0]
         store = open_store(url, migrate=False)
-        assert store.campaigns.create(spec()).id == 1
+        assert store.campaigns.create(accept_spec(spec())).id == 1
         store.close()
 
 
@@ -157,7 +160,7 @@ def test_two_writing_processes_wait_for_each_other(start, url) -> None:
     store, turns = open_store(url), []
     while len(turns) < 15 or (len(turns) < 3_000 and not sum(turns)):
         before = counts_of(store, busy).completed
-        campaign = store.campaigns.create(spec()).id
+        campaign = store.campaigns.create(accept_spec(spec())).id
         store.campaigns.move(campaign, CampaignState.RUNNING)
         store.campaigns.move(campaign, CampaignState.DONE)
         store.campaigns.add_active(busy, 0.1)

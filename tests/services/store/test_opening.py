@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from accepted import accept_spec
 
 from eigenfail.errors import InvalidValue, SchemaMismatch, StoreUnavailable
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -44,7 +45,7 @@ def chain(error: BaseException | None) -> str:
 def test_a_new_file_gets_its_folder_and_its_tables(tmp_path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'deep' / 'a.db'}"
     store = open_store(url)
-    campaign = store.campaigns.create(SPEC)
+    campaign = store.campaigns.create(accept_spec(SPEC))
     store.close()
     again = open_store(url)
     assert again.campaigns.get(campaign.id) == campaign
@@ -54,7 +55,7 @@ def test_a_new_file_gets_its_folder_and_its_tables(tmp_path) -> None:
 
 def test_an_empty_postgres_database_gets_its_tables(postgres_url) -> None:
     store = open_store(postgres_url)
-    campaign = store.campaigns.create(SPEC)
+    campaign = store.campaigns.create(accept_spec(SPEC))
     store.close()
     again = open_store(postgres_url.replace("postgresql:", "postgres:"))
     assert again.campaigns.get(campaign.id) == campaign
@@ -63,7 +64,7 @@ def test_an_empty_postgres_database_gets_its_tables(postgres_url) -> None:
 
 def test_memory_is_gone_when_let_go() -> None:
     store = open_store("memory://")
-    store.campaigns.create(SPEC)
+    store.campaigns.create(accept_spec(SPEC))
     assert open_store("memory://").campaigns.page(1).items == ()
 
 
@@ -73,7 +74,7 @@ def test_a_relative_path_stays_where_it_was(tmp_path, monkeypatch) -> None:
     store = open_store("sqlite:///data/a.db")
     store.close()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    store.campaigns.create(SPEC)
+    store.campaigns.create(accept_spec(SPEC))
     store.close()
     assert [path.name for path in tmp_path.rglob("a.db")] == ["a.db"]
 

@@ -12,6 +12,7 @@ from uuid import uuid4
 
 import deadlines
 import pytest
+from accepted import accept_spec
 from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import URL, make_url
@@ -186,7 +187,7 @@ def test_no_analysis_begins_while_its_campaign_loses_noise(database, store) -> N
 
 
 def test_a_claimed_row_holds_up_nobody_else(database, store) -> None:
-    first, second = (store.campaigns.create(spec()).id for _ in range(2))
+    first, second = (store.campaigns.create(accept_spec(spec())).id for _ in range(2))
     with database.writing() as connection:
         connection.exec_driver_sql(f"SELECT 1 FROM jobs WHERE subject = {first} FOR UPDATE")
         assert store.jobs.claim("somebody", 60.0).subject == second
@@ -296,7 +297,7 @@ def test_a_writer_behind_a_held_lock_waits_as_long_as_it_was_told(prepared_postg
         other.execute("LOCK TABLE campaigns IN ACCESS EXCLUSIVE MODE")
         began_s = time.monotonic()
         with pytest.raises(StoreUnavailable, match="pg_stat_activity"):
-            store.campaigns.create(spec())
+            store.campaigns.create(accept_spec(spec()))
         assert time.monotonic() - began_s < 5.0
         other.rollback()
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from accepted import accept_spec
 from pruned import COUNT, EVERYTHING, FIFTHS, LOST, change, ended, fill
 from sqlalchemy import Engine, event
 from store_checks.examples import deliver, running
@@ -113,7 +114,7 @@ def test_only_what_is_meant_is_pruned(filled) -> None:
 )
 def test_what_another_campaign_still_needs_is_left_alone(filled, method, settings) -> None:
     with closing(open_store(filled)) as store:
-        other = store.campaigns.create(spec(method=method, settings=settings)).id
+        other = store.campaigns.create(accept_spec(spec(method=method, settings=settings))).id
     found = prune(filled, FIFTHS, EVERYTHING)
     assert (found.campaigns, found.in_use) == ((), (1,))
     with closing(open_store(filled)) as store:
@@ -128,7 +129,7 @@ def test_a_replay_that_is_queued_meanwhile_keeps_what_is_left(filled, monkeypatc
         if not asked:
             with closing(open_store(filled)) as store:
                 replay = spec(method="replay", settings={"campaign": 1, "episodes": [COUNT - 1]})
-                asked.append(store.campaigns.create(replay).id)
+                asked.append(store.campaigns.create(accept_spec(replay)).id)
 
     monkeypatch.setattr(retention, "SLICE", 3)
     played = SimpleNamespace(monotonic=float, sleep=queue_after_the_first_slice)
@@ -151,7 +152,7 @@ def test_noise_waits_for_a_replay_that_is_just_being_queued(prepared_postgres_ur
         with ThreadPoolExecutor() as threads:
             with database.writing() as connection:
                 replay = spec(method="replay", settings={"campaign": 1, "episodes": [1]})
-                create_campaigns(connection, [request_one(replay)], None)
+                create_campaigns(connection, [request_one(accept_spec(replay))], None)
                 done = threads.submit(prune, url, FIFTHS, EVERYTHING)
                 with database.reading() as watching:
                     while not watching.exec_driver_sql(waits).scalar():

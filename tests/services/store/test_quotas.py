@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
 import pytest
+from accepted import accept_spec
 from store_checks.examples import equal
 from store_checks.quotas import key_with
 
@@ -50,7 +51,7 @@ def test_of_many_requests_at_once_as_many_pass_as_are_allowed(url, allowed, fit)
 
 def made(store, key) -> bool:
     try:
-        store.campaigns.create(spec(), made_by=key)
+        store.campaigns.create(accept_spec(spec()), made_by=key)
     except QuotaExceeded:
         return False
     return True
@@ -76,7 +77,7 @@ def calendar(monkeypatch) -> Calendar:
 
 def test_what_was_made_a_day_ago_no_longer_counts(calendar, store) -> None:
     key = key_with(store, Quotas(max_episodes_per_day=10))
-    store.campaigns.create(spec(), made_by=key)
+    store.campaigns.create(accept_spec(spec()), made_by=key)
     calendar.at_ms += DAY_MS - 1
     assert not made(store, key)
     calendar.at_ms += 1
@@ -93,20 +94,20 @@ def claimed(store) -> int:
 def test_nothing_that_comes_two_hours_later_passes_a_campaign_of_low_priority(
     calendar, store
 ) -> None:
-    low = store.campaigns.create(spec(priority=Priority.LOW)).id
+    low = store.campaigns.create(accept_spec(spec(priority=Priority.LOW))).id
     urgent = []
     for _ in range(5):  # one every half an hour, for ever
-        urgent.append(store.campaigns.create(spec(priority=Priority.HIGH)).id)
+        urgent.append(store.campaigns.create(accept_spec(spec(priority=Priority.HIGH))).id)
         calendar.at_ms += HOUR_MS // 2
-    later = store.campaigns.create(spec(priority=Priority.HIGH)).id
+    later = store.campaigns.create(accept_spec(spec(priority=Priority.HIGH))).id
     order = [claimed(store) for _ in range(7)]
     assert order == [*urgent[:4], low, urgent[4], later]
 
 
 def test_a_step_of_priority_is_worth_an_hour(calendar, store) -> None:
-    first = store.campaigns.create(spec(priority=Priority.LOW)).id
+    first = store.campaigns.create(accept_spec(spec(priority=Priority.LOW))).id
     calendar.at_ms += HOUR_MS - 1
-    second = store.campaigns.create(spec()).id
+    second = store.campaigns.create(accept_spec(spec())).id
     calendar.at_ms += 2
-    third = store.campaigns.create(spec()).id
+    third = store.campaigns.create(accept_spec(spec())).id
     assert [claimed(store) for _ in range(3)] == [second, first, third]

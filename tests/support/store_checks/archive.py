@@ -1,5 +1,6 @@
 """Checks of the archive: filters tell archived campaigns from others, and nothing is deleted."""
 
+from accepted import accept_spec
 from msgspec.structs import replace
 
 from eigenfail.errors import IllegalTransition, NotFound
@@ -43,7 +44,7 @@ def archives_campaigns_that_have_ended(store: Store) -> None:
 
 def archives_nothing_that_goes_on(store: Store) -> None:
     """A campaign that has not ended, or does not exist, is not archived."""
-    waiting = store.campaigns.create(spec())
+    waiting = store.campaigns.create(accept_spec(spec()))
     with expect_error(IllegalTransition, "A queued campaign was archived."):
         store.campaigns.archive(waiting.id)
     equal(ids(store, LISTED), [waiting.id], "The list after a refusal")

@@ -2,6 +2,8 @@
 
 import time
 
+from accepted import accept_spec
+
 from eigenfail.errors import IdempotencyMismatch, InvalidValue, NotFound
 from eigenfail.filters import parse_campaign_sort
 from eigenfail.testing import expect, expect_error
@@ -18,7 +20,7 @@ S = CampaignState
 def creates_queued(store: Store) -> None:
     """A new campaign waits, with a job and an event that says so."""
     before_ms = time.time_ns() // 1_000_000
-    campaign = store.campaigns.create(spec(name="first"))
+    campaign = store.campaigns.create(accept_spec(spec(name="first")))
     equal(campaign.state, S.QUEUED, "A new campaign's state")
     equal(campaign.counts, Counts(10), "A new campaign's counts")
     equal((campaign.started_ms, campaign.ended_ms), (None, None), "A new campaign's times")
@@ -39,15 +41,17 @@ def keeps_specs_exactly(store: Store) -> None:
         "text": "σ'\"; --",
     }
     given = spec(name="Stau ✓", settings=settings, seed=2**63 - 1, price_usd_per_hour=1e-9)
-    equal(store.campaigns.get(store.campaigns.create(given).id).spec, given, "The spec")
+    equal(
+        store.campaigns.get(store.campaigns.create(accept_spec(given)).id).spec, given, "The spec"
+    )
 
 
 def repeats_a_key(store: Store) -> None:
     """One key, one campaign: the second request gets the first one's, as it stands by then."""
-    first = store.campaigns.create(spec(), "key")
+    first = store.campaigns.create(accept_spec(spec()), "key")
     store.campaigns.move(first.id, S.RUNNING)
     events, waiting = store.events.last(), store.jobs.waiting(JobKind.CAMPAIGN)
-    again = store.campaigns.create(spec(), "key")
+    again = store.campaigns.create(accept_spec(spec()), "key")
     equal((again.id, again.state), (first.id, S.RUNNING), "The campaign of a repeated key")
     equal(store.events.last(), events, "Events after a repeated key")
     equal(store.jobs.waiting(JobKind.CAMPAIGN), waiting, "Jobs after a repeated key")
@@ -55,24 +59,26 @@ def repeats_a_key(store: Store) -> None:
 
 def refuses_a_key_for_two_specs(store: Store) -> None:
     """A key stands for one request."""
-    store.campaigns.create(spec(), "key")
+    store.campaigns.create(accept_spec(spec()), "key")
     with expect_error(IdempotencyMismatch, "A key was accepted for another spec."):
-        store.campaigns.create(spec(seed=1), "key")
+        store.campaigns.create(accept_spec(spec(seed=1)), "key")
     equal(len(store.campaigns.page(10).items), 1, "Campaigns after a refused key")
 
 
 def tells_requests_apart(store: Store) -> None:
     """Without a key, and with different ones, the same spec makes new campaigns."""
-    ids = [store.campaigns.create(spec(), key).id for key in (None, None, "a", "b")]
+    ids = [store.campaigns.create(accept_spec(spec()), key).id for key in (None, None, "a", "b")]
     equal(ids, sorted(set(ids)), "The ids of four campaigns")
 
 
 def knows_no_strangers(store: Store) -> None:
     """An id that nothing has is NotFound, however odd it is."""
-    store.campaigns.create(spec())
+    store.campaigns.create(accept_spec(spec()))
     for stranger in BEYOND:
         with expect_error(NotFound, f"get({stranger}) found something."):
             store.campaigns.get(stranger)
+        with expect_error(NotFound, f"read_references({stranger}) found something."):
+            store.campaigns.read_references(stranger)
         with expect_error(NotFound, f"move({stranger}) moved something."):
             store.campaigns.move(stranger, S.RUNNING)
         with expect_error(NotFound, f"add_active({stranger}) went somewhere."):
@@ -87,7 +93,7 @@ def knows_no_strangers(store: Store) -> None:
 
 def pages_newest_first(store: Store) -> None:
     """Pages follow each other without gap or overlap, and end."""
-    ids = [store.campaigns.create(spec()).id for _ in range(5)]
+    ids = [store.campaigns.create(accept_spec(spec())).id for _ in range(5)]
     seen, before = [], None
     for _ in range(3):
         page = store.campaigns.page(2, before)
@@ -102,7 +108,10 @@ def pages_newest_first(store: Store) -> None:
 def sorts_campaigns(store: Store) -> None:
     """In each order pages follow each other; equal values are newest first, unknown ones last."""
     names = ("b", "a", "C", "a")
-    ids = [store.campaigns.create(spec(name=name, price_usd_per_hour=1.0)).id for name in names]
+    ids = [
+        store.campaigns.create(accept_spec(spec(name=name, price_usd_per_hour=1.0))).id
+        for name in names
+    ]
     for campaign, crashes in zip(ids, (1, 2, 0, 2), strict=True):
         store.campaigns.move(campaign, S.RUNNING)
         store.campaigns.add_active(campaign, 36.0 * campaign)
@@ -136,7 +145,7 @@ def sorts_campaigns(store: Store) -> None:
 
 def pages_one_state(store: Store) -> None:
     """Pages of one state leave out the others."""
-    paused, _, also = (store.campaigns.create(spec()).id for _ in range(3))
+    paused, _, also = (store.campaigns.create(accept_spec(spec())).id for _ in range(3))
     for campaign in (paused, also):
         store.campaigns.move(campaign, S.PAUSED)
     first = store.campaigns.page(1, where=CampaignFilter(state=S.PAUSED))

@@ -9,6 +9,7 @@ from threading import Barrier
 from typing import TypeVar
 
 import deadlines
+from accepted import accept_spec
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing import expect
@@ -55,7 +56,7 @@ def winners(store: Store, campaign: int, *targets: CampaignState) -> int:
 def moves_have_one_winner(store: Store) -> None:
     """Of those who start, end and bury one campaign at once, one succeeds; the others hear it."""
     for _ in range(3):
-        campaign = store.campaigns.create(spec()).id
+        campaign = store.campaigns.create(accept_spec(spec())).id
         equal(winners(store, campaign, CampaignState.RUNNING), 1, "Who started it")
         equal(winners(store, campaign, CampaignState.DONE, CampaignState.DEAD), 1, "Who ended it")
         kinds = [event.kind for event in store.events.after(0, 1_000, campaign)]
@@ -64,7 +65,7 @@ def moves_have_one_winner(store: Store) -> None:
 
 def one_key_makes_one_campaign(store: Store) -> None:
     """One request, sent by everybody at once, makes one campaign."""
-    ids = at_once(lambda _: store.campaigns.create(spec(), "key").id)
+    ids = at_once(lambda _: store.campaigns.create(accept_spec(spec()), "key").id)
     equal(len(set(ids)), 1, "Campaigns of one key")
     equal(len(store.campaigns.page(100).items), 1, "Campaigns in the store")
 
@@ -119,7 +120,7 @@ def counts_hold_while_everybody_writes(store: Store) -> None:
 
 def jobs_go_to_one_each(store: Store) -> None:
     """Nobody gets what another has."""
-    wanted = sorted(store.campaigns.create(spec()).id for _ in range(CROWD + 4))
+    wanted = sorted(store.campaigns.create(accept_spec(spec())).id for _ in range(CROWD + 4))
 
     def work(number: int) -> list[int]:
         mine = []
@@ -150,7 +151,7 @@ def followers_miss_nothing(store: Store) -> None:
             if n % 2:
                 store.events.append("campaign.progress", f"{number}: {n}", campaign.id)
             else:
-                store.campaigns.create(spec())
+                store.campaigns.create(accept_spec(spec()))
         return []
 
     seen = at_once(work)[0]

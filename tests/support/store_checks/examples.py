@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from accepted import accept_spec
 
 from eigenfail.testing import expect
 from eigenfail.testing.examples import floats, result, spec
@@ -39,7 +40,9 @@ def alike(found: Floats | None, wanted: Floats | None, what: str) -> None:
 
 def running(store: Store, **changes: Any) -> Campaign:
     """A campaign that has begun."""
-    return store.campaigns.move(store.campaigns.create(spec(**changes)).id, CampaignState.RUNNING)
+    return store.campaigns.move(
+        store.campaigns.create(accept_spec(spec(**changes))).id, CampaignState.RUNNING
+    )
 
 
 def name_channels(count: int) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Checks of what `FigureStore` sums over many campaigns, and of the lists that pages show."""
 
+from accepted import accept_spec
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
@@ -115,7 +116,7 @@ def pools_campaigns(store: Store) -> None:
     like = replace(one, seed=7, episodes=10, name="again", price_usd_per_hour=1.0, instances=1)
     like = replace(like, stop=StopRules(failures=3))
     apart = [replace(one, planner_settings={"gap": 2.0}), replace(one, method="ast")]
-    ids = [store.campaigns.create(each).id for each in (one, like, *apart)]
+    ids = [store.campaigns.create(accept_spec(each)).id for each in (one, like, *apart)]
     for campaign in ids[:2]:
         store.campaigns.move(campaign, CampaignState.RUNNING)
         store.campaigns.add_active(campaign, 1800.0)
@@ -144,7 +145,7 @@ def pools_seeds(store: Store) -> None:
         campaign = running(store, seed=seed, name=f"seed {seed}", price_usd_per_hour=2.0)
         store.campaigns.add_active(campaign.id, 1800.0 * (1 + failures))
         deliver(store, campaign, *(collision(n) for n in range(failures)), result(9))
-    store.campaigns.create(spec(seed=8, episodes=20))
+    store.campaigns.create(accept_spec(spec(seed=8, episodes=20)))
     (pool,) = store.figures.pools()
     equal((pool.campaigns, pool.seeds), (4, 3), "Seeds with an episode")
     equal((pool.total_usd, pool.usd_squares), (7.0, 21.0), "Money and its squares")
@@ -157,7 +158,7 @@ def filters_campaigns(store: Store) -> None:
     names = ("Cut-in 100%", "cut_in again", "Merging", "CUT-IN late")
     methods = ("ast", "monte_carlo", "ast", "ast")
     ids = [
-        store.campaigns.create(replace(spec(), name=name, method=method)).id
+        store.campaigns.create(accept_spec(replace(spec(), name=name, method=method))).id
         for name, method in zip(names, methods, strict=True)
     ]
     wanted = {

@@ -3,6 +3,7 @@
 import time
 
 import deadlines
+from accepted import accept_spec
 
 from eigenfail.testing import expect
 from eigenfail.testing.examples import result, spec
@@ -30,7 +31,7 @@ def claimed(store: Store, lease_s: float = LONG_S) -> Job:
 def claims_the_oldest(store: Store) -> None:
     """First come, first served; what is leased is nobody else's."""
     equal(store.jobs.claim("a", LONG_S), None, "A claim on an empty queue")
-    campaigns = [store.campaigns.create(spec()).id for _ in range(2)]
+    campaigns = [store.campaigns.create(accept_spec(spec())).id for _ in range(2)]
     analysis = store.analyses.create(campaigns[0], AnalysisSettings()).id
     jobs = [claimed(store) for _ in range(3)]
     wanted = [(JobKind.CAMPAIGN, number) for number in campaigns] + [(JobKind.ANALYSIS, analysis)]
@@ -41,7 +42,7 @@ def claims_the_oldest(store: Store) -> None:
 
 def claims_by_kind(store: Store) -> None:
     """Whoever has time for one kind only is given that kind, however long others have waited."""
-    campaign = store.campaigns.create(spec()).id
+    campaign = store.campaigns.create(accept_spec(spec())).id
     analysis = store.analyses.create(campaign, AnalysisSettings()).id
     job = store.jobs.claim("a", LONG_S, JobKind.ANALYSIS)
     equal(job and job.subject, analysis, "The analysis, though the campaign is older")
@@ -50,8 +51,8 @@ def claims_by_kind(store: Store) -> None:
 
 def counts_the_waiting(store: Store) -> None:
     """Leased and finished jobs do not wait."""
-    campaign = store.campaigns.create(spec())
-    store.campaigns.create(spec())
+    campaign = store.campaigns.create(accept_spec(spec()))
+    store.campaigns.create(accept_spec(spec()))
     store.analyses.create(campaign.id, AnalysisSettings())
     equal(store.jobs.waiting(JobKind.CAMPAIGN), 2, "Campaigns that wait")
     equal(store.jobs.waiting(JobKind.ANALYSIS), 1, "Analyses that wait")
@@ -64,7 +65,7 @@ def counts_the_waiting(store: Store) -> None:
 def lets_go_of_what_the_lost_held(store: Store) -> None:
     """Only theirs, and only once; whoever was lost cannot hold it any more after the next claim."""
     for _ in range(3):
-        store.campaigns.create(spec())
+        store.campaigns.create(accept_spec(spec()))
     first, second = (store.jobs.claim(name, LONG_S) for name in ("lost", "well"))
     equal(store.jobs.let_go(lambda owner: owner == "lost"), 1, "Jobs of the lost")
     equal(store.jobs.let_go(lambda owner: owner == "lost"), 0, "The same a second time")
@@ -77,7 +78,7 @@ def lets_go_of_what_the_lost_held(store: Store) -> None:
 
 def finishes_for_good(store: Store) -> None:
     """A finished job never comes back, and is finished once."""
-    store.campaigns.create(spec())
+    store.campaigns.create(accept_spec(spec()))
     job = claimed(store, PASSED_S)
     expect(store.jobs.finish(job), "A job could not be finished.")
     expect(not store.jobs.finish(job), "A job was finished twice.")
@@ -87,7 +88,7 @@ def finishes_for_good(store: Store) -> None:
 
 def leases_run_out(store: Store) -> None:
     """A job whose lease is over goes to the next; the token tells the two apart."""
-    held, lost = (store.campaigns.create(spec()).id for _ in range(2))
+    held, lost = (store.campaigns.create(accept_spec(spec())).id for _ in range(2))
     equal(claimed(store).subject, held, "The job with the long lease")
     first = claimed(store, SHORT_S)
     equal(first.subject, lost, "The job with the short lease")
@@ -114,7 +115,7 @@ def waited_for(store: Store) -> Job:
 
 def renewing_holds(store: Store) -> None:
     """A renewed job stays, even if its lease had run out unnoticed."""
-    store.campaigns.create(spec())
+    store.campaigns.create(accept_spec(spec()))
     job = claimed(store, PASSED_S)
     expect(store.jobs.renew(job, LONG_S), "A job could not be renewed.")
     equal(store.jobs.claim("a", LONG_S), None, "A claim after a renewal")
@@ -122,7 +123,7 @@ def renewing_holds(store: Store) -> None:
 
 def renewing_for_nothing_gives_back(store: Store) -> None:
     """A renewal for 0 s hands the job to whoever asks next."""
-    store.campaigns.create(spec())
+    store.campaigns.create(accept_spec(spec()))
     job = claimed(store)
     expect(store.jobs.renew(job, 0.0), "A job could not be given back.")
     equal(claimed(store).id, job.id, "The job that was given back")
@@ -130,8 +131,8 @@ def renewing_for_nothing_gives_back(store: Store) -> None:
 
 def buries_what_never_gets_on(store: Store) -> None:
     """After five lost claims the campaign is dead, says why, and the queue moves on."""
-    campaign = store.campaigns.create(spec())
-    behind = store.campaigns.create(spec())
+    campaign = store.campaigns.create(accept_spec(spec()))
+    behind = store.campaigns.create(accept_spec(spec()))
     for attempt in range(1, MAX_ATTEMPTS + 1):
         job = claimed(store, PASSED_S)
         equal((job.subject, job.attempts), (campaign.id, attempt), "Each attempt")

@@ -1,5 +1,7 @@
 """Checks of how campaigns move from state to state in a `CampaignStore`."""
 
+from accepted import accept_spec
+
 from eigenfail.errors import IllegalTransition, NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
@@ -37,7 +39,7 @@ ALLOWED: dict[CampaignState, set[CampaignState]] = {
 
 def in_state(store: Store, state: CampaignState) -> Campaign:
     """A new campaign, brought into a state."""
-    campaign = store.campaigns.create(spec())
+    campaign = store.campaigns.create(accept_spec(spec()))
     for step in WAYS[state]:
         campaign = store.campaigns.move(campaign.id, step)
     return campaign
@@ -108,7 +110,7 @@ def adds_up_active_time(store: Store) -> None:
 
 def queues_and_withdraws_jobs(store: Store) -> None:
     """A campaign that is paused or cancelled in the queue leaves it, and a resumed one is back."""
-    paused, cancelled = (store.campaigns.create(spec()).id for _ in range(2))
+    paused, cancelled = (store.campaigns.create(accept_spec(spec())).id for _ in range(2))
     store.campaigns.move(paused, S.PAUSED)
     store.campaigns.move(cancelled, S.CANCELLED)
     equal(store.jobs.waiting(JobKind.CAMPAIGN), 0, "Jobs of campaigns that rest")

@@ -1,5 +1,7 @@
 """Checks of priorities: of `CampaignStore`, and of the order of `JobQueue`."""
 
+from accepted import accept_spec, accept_specs
+
 from eigenfail.errors import IdempotencyMismatch, IllegalTransition, NotFound
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
@@ -16,7 +18,7 @@ LOW, NORMAL, HIGH = Priority
 
 def keeps_priorities(store: Store) -> None:
     """Each campaign its own, as it was asked for, then as it was changed; a change is an event."""
-    made = [store.campaigns.create(spec(priority=priority)) for priority in Priority]
+    made = [store.campaigns.create(accept_spec(spec(priority=priority))) for priority in Priority]
     equal([each.spec.priority for each in made], [LOW, NORMAL, HIGH], "Priorities as asked for")
     changed = store.campaigns.prioritise(made[0].id, HIGH)
     equal(changed.spec, spec(priority=HIGH), "A campaign with another priority")
@@ -31,7 +33,7 @@ def keeps_priorities(store: Store) -> None:
 
 def changes_no_priority_at_the_end(store: Store) -> None:
     """Whatever is queued, at work or paused may be given another; what has ended, not."""
-    campaign = store.campaigns.create(spec()).id
+    campaign = store.campaigns.create(accept_spec(spec())).id
     for state in (CampaignState.RUNNING, CampaignState.PAUSING, CampaignState.PAUSED):
         store.campaigns.move(campaign, state)
         store.campaigns.prioritise(campaign, HIGH)
@@ -47,23 +49,23 @@ def changes_no_priority_at_the_end(store: Store) -> None:
 
 def knows_requests_at_whatever_priority(store: Store) -> None:
     """A request that is repeated gives the same campaigns, also after one was hurried."""
-    one = store.campaigns.create(spec(), "one")
-    many = store.campaigns.create_many([spec(), spec(seed=1)], "many")
+    one = store.campaigns.create(accept_spec(spec()), "one")
+    many = store.campaigns.create_many(accept_specs([spec(), spec(seed=1)]), "many")
     hurried = store.campaigns.prioritise(one.id, HIGH)
     store.campaigns.prioritise(many[1].id, LOW)
-    equal(store.campaigns.create(spec(), "one"), hurried, "The same request again")
-    again = store.campaigns.create_many([spec(), spec(seed=1, priority=HIGH)], "many")
+    equal(store.campaigns.create(accept_spec(spec()), "one"), hurried, "The same request again")
+    again = store.campaigns.create_many(accept_specs([spec(), spec(seed=1, priority=HIGH)]), "many")
     equal([each.id for each in again], [each.id for each in many], "The same list again")
     with expect_error(IdempotencyMismatch, "Another request was taken for the first."):
-        store.campaigns.create_many([spec(), spec(seed=2)], "many")
+        store.campaigns.create_many(accept_specs([spec(), spec(seed=2)]), "many")
     with expect_error(IdempotencyMismatch, "A shorter list was taken for the first."):
-        store.campaigns.create_many([spec()], "many")
+        store.campaigns.create_many(accept_specs([spec()]), "many")
 
 
 def claims_the_urgent_first(store: Store) -> None:
     """By priority, then by age; an analysis waits like a campaign of normal priority."""
     asked = (LOW, NORMAL, HIGH, LOW, HIGH)
-    made = [store.campaigns.create(spec(priority=priority)).id for priority in asked]
+    made = [store.campaigns.create(accept_spec(spec(priority=priority))).id for priority in asked]
     store.analyses.create(made[0], AnalysisSettings())
     store.campaigns.prioritise(made[3], HIGH)
     jobs = [store.jobs.claim("a", LONG_S) for _ in range(6)]

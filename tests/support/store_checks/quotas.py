@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+from accepted import accept_spec, accept_specs
+
 from eigenfail.errors import NotFound, QuotaExceeded
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import result, spec
@@ -47,8 +49,8 @@ def keeps_quotas(store: Store) -> None:
 def counts_what_is_used(store: Store) -> None:
     """What has not ended is open; what was left unrun in the end is not counted as used."""
     key, other = key_with(store), key_with(store)
-    first, second = (store.campaigns.create(spec(), made_by=key) for _ in range(2))
-    store.campaigns.create(spec())
+    first, second = (store.campaigns.create(accept_spec(spec()), made_by=key) for _ in range(2))
+    store.campaigns.create(accept_spec(spec()))
     equal(store.keys.usage([key, other]), {key: Usage(2, 20), other: Usage()}, "What two keys use")
     store.campaigns.move(first.id, CampaignState.RUNNING)
     deliver(store, first, result(0), result(1))
@@ -61,44 +63,60 @@ def counts_what_is_used(store: Store) -> None:
 def bounds_what_is_open(store: Store) -> None:
     """One more is refused until one has ended; a key's campaigns alone count."""
     key = key_with(store, Quotas(max_open=2))
-    made = [store.campaigns.create(spec(), made_by=key) for _ in range(2)]
-    refused(lambda: store.campaigns.create(spec(), made_by=key), "max_open", "2", "cancel one")
-    store.campaigns.create(spec())
-    store.campaigns.create(spec(), made_by=key_with(store))
+    made = [store.campaigns.create(accept_spec(spec()), made_by=key) for _ in range(2)]
+    refused(
+        lambda: store.campaigns.create(accept_spec(spec()), made_by=key),
+        "max_open",
+        "2",
+        "cancel one",
+    )
+    store.campaigns.create(accept_spec(spec()))
+    store.campaigns.create(accept_spec(spec()), made_by=key_with(store))
     store.campaigns.move(made[0].id, CampaignState.CANCELLED)
-    store.campaigns.create(spec(), made_by=key)
+    store.campaigns.create(accept_spec(spec()), made_by=key)
     store.keys.limit(key, Quotas(max_open=3))
-    store.campaigns.create(spec(), made_by=key)
+    store.campaigns.create(accept_spec(spec()), made_by=key)
 
 
 def bounds_episodes(store: Store) -> None:
     """Of one campaign, and of all of a day."""
     key = key_with(store, Quotas(max_episodes=50, max_episodes_per_day=100))
     large = spec(episodes=51)
-    refused(lambda: store.campaigns.create(large, made_by=key), "max_episodes)", "50", "51")
-    store.campaigns.create(spec(episodes=50), made_by=key)
-    last = store.campaigns.create(spec(episodes=50), made_by=key)
-    refused(lambda: store.campaigns.create(spec(episodes=1), made_by=key), "max_episodes_per_day")
+    refused(
+        lambda: store.campaigns.create(accept_spec(large), made_by=key), "max_episodes)", "50", "51"
+    )
+    store.campaigns.create(accept_spec(spec(episodes=50)), made_by=key)
+    last = store.campaigns.create(accept_spec(spec(episodes=50)), made_by=key)
+    refused(
+        lambda: store.campaigns.create(accept_spec(spec(episodes=1)), made_by=key),
+        "max_episodes_per_day",
+    )
     store.campaigns.move(last.id, CampaignState.CANCELLED)
-    store.campaigns.create(spec(episodes=50), made_by=key)
+    store.campaigns.create(accept_spec(spec(episodes=50)), made_by=key)
 
 
 def refuses_all_or_nothing(store: Store) -> None:
     """Of a list that is too long, nothing is made; nor is its request remembered."""
     key = key_with(store, Quotas(max_open=2))
     three = [spec(seed=seed) for seed in range(3)]
-    refused(lambda: store.campaigns.create_many(three, "k", made_by=key), "max_open", "3")
+    refused(
+        lambda: store.campaigns.create_many(accept_specs(three), "k", made_by=key), "max_open", "3"
+    )
     equal(store.campaigns.page(10), Page(()), "Campaigns after the refusal")
-    made = store.campaigns.create_many(three[:2], "k", made_by=key)
-    equal(store.campaigns.create_many(three[:2], "k", key), made, "The same request again")
+    made = store.campaigns.create_many(accept_specs(three[:2]), "k", made_by=key)
+    equal(
+        store.campaigns.create_many(accept_specs(three[:2]), "k", key),
+        made,
+        "The same request again",
+    )
 
 
 def repeats_what_was_made(store: Store) -> None:
     """A request that is repeated is answered, though there is no room for another."""
     key = key_with(store, Quotas(max_open=1))
-    made = store.campaigns.create(spec(), "k", key)
-    equal(store.campaigns.create(spec(), "k", key), made, "The same request again")
-    refused(lambda: store.campaigns.create(spec(), "other", key), "max_open")
+    made = store.campaigns.create(accept_spec(spec()), "k", key)
+    equal(store.campaigns.create(accept_spec(spec()), "k", key), made, "The same request again")
+    refused(lambda: store.campaigns.create(accept_spec(spec()), "other", key), "max_open")
 
 
 CHECKS = (

@@ -1,5 +1,7 @@
 """Checks of `RetentionStore`: what goes, what stays, and what is said of it."""
 
+from accepted import accept_spec, accept_specs
+
 from eigenfail.errors import Conflict, NoisePruned, NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
@@ -123,7 +125,7 @@ def leaves_alone_what_others_need(store: Store) -> None:
     """From the moment at which it is named until that one has ended, in the midst of it, too."""
     campaign = ended(store)
     settings = {"campaign": campaign.id, "episodes": [1]}
-    replay = store.campaigns.create(spec(method="replay", settings=settings))
+    replay = store.campaigns.create(accept_spec(spec(method="replay", settings=settings)))
     equal(store.retention.in_use(), frozenset({campaign.id}), "What is in use")
     with expect_error(Conflict, "Noise went that a queued replay names."):
         store.retention.prune(campaign.id, THIRDS, WHO)
@@ -135,14 +137,16 @@ def leaves_alone_what_others_need(store: Store) -> None:
     equal(store.retention.in_use(), frozenset(), "What is in use at last")
     expect(store.retention.prune(campaign.id, THIRDS, WHO) is not None, "Nothing was pruned.")
     with expect_error(NoisePruned, "A replay of noise that is gone was queued."):
-        store.campaigns.create(spec(method="replay", settings=settings))
+        store.campaigns.create(accept_spec(spec(method="replay", settings=settings)))
     try:
-        store.campaigns.create_many([spec(method="replay", settings=settings)])
+        store.campaigns.create_many(accept_specs([spec(method="replay", settings=settings)]))
     except NoisePruned as error:
         expect(f"episode {campaign.id}/1" in error.problem, f"Another episode: {error.problem}")
     else:
         raise AssertionError("A suite with one was queued.")
-    store.campaigns.create(spec(method="replay", settings=settings | {"episodes": [0, 3]}))
+    store.campaigns.create(
+        accept_spec(spec(method="replay", settings=settings | {"episodes": [0, 3]}))
+    )
 
 
 def leaves_alone_what_has_not_ended(store: Store) -> None:

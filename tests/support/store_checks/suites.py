@@ -1,5 +1,7 @@
 """Checks of what `CampaignStore` knows of suites."""
 
+from accepted import accept_spec
+
 from eigenfail.errors import IdempotencyMismatch
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values.campaign import CampaignFilter, CampaignState
@@ -14,7 +16,7 @@ S = CampaignState
 
 def ids(store: Store, *names: str) -> list[int]:
     """Campaigns of these names, in order."""
-    return [store.campaigns.create(spec(name=name)).id for name in names]
+    return [store.campaigns.create(accept_spec(spec(name=name))).id for name in names]
 
 
 def finds_the_campaigns_of_a_suite(store: Store) -> None:
@@ -106,14 +108,26 @@ def takes_any_name(store: Store) -> None:
 def creates_what_is_missing_of_a_suite(store: Store) -> None:
     """Campaigns of unknown keys are created beside those of known ones, all or none."""
     first, second, third = (spec(name=f"m: {n}", seed=n) for n in range(3))
-    known = store.campaigns.create(second, "key-2").id
-    made = store.campaigns.create_all([request_one(first, "key-1"), request_one(second, "key-2")])
+    known = store.campaigns.create(accept_spec(second), "key-2").id
+    made = store.campaigns.create_all(
+        [request_one(accept_spec(first), "key-1"), request_one(accept_spec(second), "key-2")]
+    )
     equal([each.spec.seed for each in made], [0, 1], "Campaigns in the order of their keys")
     equal(made[1].id, known, "The campaign of a known key")
-    equal(store.campaigns.create_all([request_one(first, "key-1")]), made[:1], "A repeated call")
-    equal(store.campaigns.create(first, "key-1"), made[0], "The same key of a single campaign")
+    equal(
+        store.campaigns.create_all([request_one(accept_spec(first), "key-1")]),
+        made[:1],
+        "A repeated call",
+    )
+    equal(
+        store.campaigns.create(accept_spec(first), "key-1"),
+        made[0],
+        "The same key of a single campaign",
+    )
     try:
-        store.campaigns.create_all([request_one(third, "key-3"), request_one(first, "key-2")])
+        store.campaigns.create_all(
+            [request_one(accept_spec(third), "key-3"), request_one(accept_spec(first), "key-2")]
+        )
     except IdempotencyMismatch:
         pass
     else:

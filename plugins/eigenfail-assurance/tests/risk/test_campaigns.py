@@ -1,6 +1,7 @@
 """Which figures of campaigns state a probability of failure, and which do not."""
 
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
@@ -148,7 +149,9 @@ def ask(store, **fields):
 
 
 def test_a_queued_campaign_leaves_it_undecided(store):
-    made = store.campaigns.create(CampaignSpec(name="x", method="monte_carlo", episodes=9))
+    made = store.campaigns.create(
+        accept_spec(CampaignSpec(name="x", method="monte_carlo", episodes=9))
+    )
     found = ask(store, campaigns=(made.id,))
     assert found.verdict is RiskVerdict.UNDECIDED
     assert found.planner == "rulebook"
@@ -157,7 +160,7 @@ def test_a_queued_campaign_leaves_it_undecided(store):
 
 def test_the_same_noise_is_not_counted_twice(store):
     spec = CampaignSpec(name="x", method="monte_carlo", episodes=9, seed=4)
-    ids = [store.campaigns.create(replace(spec, episodes=n)).id for n in (9, 10)]
+    ids = [store.campaigns.create(accept_spec(replace(spec, episodes=n))).id for n in (9, 10)]
     with pytest.raises(InvalidValue, match="the same seed") as caught:
         ask(store, campaigns=tuple(ids))
     assert "scenarios[0].campaigns" in str(caught.value)
@@ -166,14 +169,14 @@ def test_the_same_noise_is_not_counted_twice(store):
 def test_failures_are_those_of_the_same_scenario_and_no_search(store):
     spec = CampaignSpec(name="x", method="monte_carlo", episodes=9)
     one, merge, search = (
-        store.campaigns.create(each).id
+        store.campaigns.create(accept_spec(each)).id
         for each in (spec, replace(spec, scenario="merge_in"), replace(spec, method="cem"))
     )
     with pytest.raises(InvalidValue, match="another scenario than"):
         ask(store, campaigns=(one,), failures_from=merge)
     with pytest.raises(InvalidValue, match="no random sample"):
         ask(store, campaigns=(one,), failures_from=search)
-    again = store.campaigns.create(replace(spec, seed=2)).id
+    again = store.campaigns.create(accept_spec(replace(spec, seed=2))).id
     with pytest.raises(InvalidValue, match="is queued") as caught:
         ask(store, campaigns=(one,), failures_from=again)
     assert "scenarios[0].failures_from" in str(caught.value)
@@ -183,8 +186,8 @@ def test_failures_are_those_of_the_same_scenario_and_no_search(store):
 def test_the_campaign_of_the_severity_is_compared_as_well(store):
     spec = CampaignSpec(name="x", method="monte_carlo", episodes=9)
     noisier = replace(spec.disturbance, scale=2.0)
-    one = store.campaigns.create(spec).id
-    other = store.campaigns.create(replace(spec, disturbance=noisier)).id
+    one = store.campaigns.create(accept_spec(spec)).id
+    other = store.campaigns.create(accept_spec(replace(spec, disturbance=noisier))).id
     for state in (CampaignState.RUNNING, CampaignState.DONE):
         store.campaigns.move(other, state)
     assert not any("disturbance" in note for note in ask(store, campaigns=(one,)).notes)
@@ -194,6 +197,6 @@ def test_the_campaign_of_the_severity_is_compared_as_well(store):
 
 def test_a_name_that_others_contain_is_not_theirs(store):
     spec = CampaignSpec(name="cut", method="monte_carlo", episodes=9)
-    wanted = store.campaigns.create(spec).id
-    store.campaigns.create(replace(spec, name="cut in"))
+    wanted = store.campaigns.create(accept_spec(spec)).id
+    store.campaigns.create(accept_spec(replace(spec, name="cut in")))
     assert ask(store, campaigns=("cut",)).scenarios[0].campaigns == (wanted,)

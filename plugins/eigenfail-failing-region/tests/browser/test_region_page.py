@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accepted import accept_spec
 from msgspec.structs import replace
 from playwright.sync_api import expect
 
@@ -24,7 +25,7 @@ def varied(store):
     spec = CampaignSpec(
         name="Varied", method="monte_carlo", episodes=400, scenario_parameters=drawn
     )
-    campaign = store.campaigns.create(spec).id
+    campaign = store.campaigns.create(accept_spec(spec)).id
     store.campaigns.move(campaign, "running")
     z = np.zeros((1, 2), np.float32)
     safe = EpisodeResult(

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 from typing import Any
 
 import pytest
+from accepted import accept_spec
 from campaigns_here import run_here
 
 from eigenfail.values.analysis import AnalysisSettings
@@ -69,7 +70,7 @@ def run(finish: Callable[..., int]) -> Callable[..., int]:
     def start(store: Store, first: int | None = None, **changes: Any) -> int:
         fields: dict[str, Any] = {"method": "monte_carlo", "episodes": EPISODES, "seed": 1}
         spec = CampaignSpec(**fields | WORLD | changes)
-        return finish(store, store.campaigns.create(spec).id, first)
+        return finish(store, store.campaigns.create(accept_spec(spec)).id, first)
 
     return start
 

@@ -2,6 +2,7 @@
 
 import json
 
+from accepted import accept_spec
 from campaigns_here import run_here
 from msgspec.structs import replace
 
@@ -15,7 +16,7 @@ def shrunk(store, was):
     settings = {"campaign": campaign, "episode": index}
     fields = {"method": "minimal", "settings": settings, "episodes": 60, "name": "shrunk"}
     spec = replace(store.campaigns.get(campaign).spec, **fields)
-    return run_here(store, store.campaigns.create(spec).id)
+    return run_here(store, store.campaigns.create(accept_spec(spec)).id)
 
 
 def medoid_of(baseline):
