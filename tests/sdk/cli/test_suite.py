@@ -159,6 +159,7 @@ def test_a_dead_member_is_service_trouble_after_the_table(check_session, suite_f
     check_session("cli/suite/dead", ("suite", "run", suite_file, "--gate"))
 
 
+@pytest.mark.usefixtures("without_plugins")
 @pytest.mark.parametrize(
     ("name", "varied"),
     [
