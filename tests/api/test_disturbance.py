@@ -88,6 +88,6 @@ def test_the_pages_say_what_the_model_is(http, correlated, deliver, noisy):
 def test_the_chart_shows_the_noise_and_not_the_draws_behind_it():
     z = np.array([[1.0, 2.0], [0.0, 0.0]], np.float32)
     chart = make_noise_chart(NoiseTrajectory(z, 2.0 * np.ones_like(z), Correlated(0.5, 0.25)), 0.1)
-    assert chart.data["channels"]["longitudinal"] == [1.0, 0.5]
-    assert chart.data["channels"]["lateral"] == [2.0, 0.5]
+    assert chart.data["channels"]["longitudinal"].tolist() == [1.0, 0.5]
+    assert chart.data["channels"]["lateral"].tolist() == [2.0, 0.5]
     assert read_rows(chart.table)[1][:5] == ("0.100", "0.500", "0.500", "1.00", "1.00")

@@ -6,6 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from benchmarks.pictures.crash_drawing import crash_view
 from benchmarks.pictures.top_view import MOMENTS, SEEN_STEPS, TopView
+from core_worlds import list_core_names
 from PIL import Image
 
 from eigenfail import plugins
@@ -21,7 +22,7 @@ def words(svg):
     return [one.text for one in drawn(svg, "text")]
 
 
-@pytest.mark.parametrize("scenario", plugins.names(plugins.SCENARIOS))
+@pytest.mark.parametrize("scenario", list_core_names(plugins.SCENARIOS))
 def test_each_scenario_is_drawn_as_it_runs(root, scenario):
     kept = (root / "docs" / "pictures" / f"{scenario}.svg").read_text()
     assert words(kept) == words(TopView(scenario).picture()), "run benchmarks/pictures/drawings.py"

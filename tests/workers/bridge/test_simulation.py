@@ -3,6 +3,7 @@
 from contextlib import closing
 
 import pytest
+from core_worlds import list_core_names
 
 from eigenfail import plugins
 from eigenfail.errors import PlannerError, SimulatorError
@@ -17,7 +18,7 @@ from eigenfail_workers.bridge.messages import SlotObservation, SlotStart
 START = SlotStart(0, 0, "cut_in", {}, "idm", {}, 100, list_injected(POSITION))
 
 
-@pytest.mark.parametrize("simulator", plugins.names(plugins.SIMULATORS))
+@pytest.mark.parametrize("simulator", list_core_names(plugins.SIMULATORS))
 @pytest.mark.parametrize("check", SIMULATION_CHECKS, ids=lambda check: check.__name__)
 def test_simulations(check, simulator: str, serving) -> None:
     cut_in = plugins.load(plugins.SCENARIOS, "cut_in")
