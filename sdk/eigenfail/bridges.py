@@ -331,13 +331,10 @@ _SIGNAL = re.compile(rf"\b{BRIDGE}\.[A-Za-z_0-9]+")
 
 def find_named_signals(spec: CampaignSpec) -> dict[str, set[str]]:
     """Return the signals of a bridge that the formulas of a campaign name, by field."""
-    judged: dict[str, object] = {
-        f"{FIELD}[{place}]": each for place, each in enumerate(spec.all_requirements)
-    }
-    judged["importance"] = spec.importance
+    judged = {f"{FIELD}[{n}]": each for n, each in enumerate(spec.all_requirements)}
     return {
         field: {*_SIGNAL.findall(each.formula)}
-        for field, each in judged.items()
+        for field, each in (*judged.items(), ("importance", spec.importance))
         if isinstance(each, Formula)
     }
 

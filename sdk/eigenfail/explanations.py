@@ -418,32 +418,6 @@ def _explain(wanted: _ExplanationQuestion) -> Explanation:
     return msgspec.structs.replace(explanation, scene=episode.result.scene if has_news else None)
 
 
-_MOST_MOMENTS = 12
-
-
-class NotableMoment(msgspec.Struct, frozen=True):
-    """A moment of an episode that the player offers to jump to."""
-
-    time_s: float
-    words: str
-
-
-def find_moments(steps: Sequence[ExplainedStep]) -> tuple[NotableMoment, ...]:
-    """Find the first moments at which a track is lost, a plan overridden or a program unsolved."""
-    found = (one for before, now in pairwise(steps) for one in _find_beginnings(before, now))
-    return tuple(one for one, _ in zip(found, range(_MOST_MOMENTS), strict=False))
-
-
-def _find_beginnings(before: ExplainedStep, now: ExplainedStep) -> Iterator[NotableMoment]:
-    if _read_figure(now, "lost_tracks") > _read_figure(before, "lost_tracks"):
-        yield NotableMoment(now.time_s, "track lost")
-    override = read_word(now, "override")
-    if override not in NOTHING and override != read_word(before, "override"):
-        yield NotableMoment(now.time_s, override.replace("_", " "))
-    if read_word(now, "qp_status") not in SOLVED and read_word(before, "qp_status") in SOLVED:
-        yield NotableMoment(now.time_s, "program not solved")
-
-
 if __name__ == "__main__":
     logs.configure("controller")
     answer(answer_question)

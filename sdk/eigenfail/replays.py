@@ -195,11 +195,8 @@ def explain_episode(
     if time.monotonic() - began_s < LONGEST_TWICE_S:
         explained = add_undisturbed(explained, explain, stored, resolve_disturbance(spec))
 
-    def run_again() -> episode.EpisodeResult:
-        again: ExplainedEpisode = explain(make_replay_task(stored))
-        return again.result
-
-    return _find_unsteadiness(run_again, explained.result, replayed), explained
+    again = partial(explain, make_replay_task(stored))
+    return _find_unsteadiness(lambda: again().result, explained.result, replayed), explained
 
 
 def add_undisturbed(
@@ -219,8 +216,7 @@ def add_undisturbed(
         stored: the episode.
         disturbance: the model of its noise, with its channels written out.
     """
-    is_failure = stored.is_failure or explained.result.is_failure
-    if is_failure and len(stored.noise.z):
+    if (stored.is_failure or explained.result.is_failure) and len(stored.noise.z):
         with suppress(EigenfailError):  # the account is there, whatever becomes of a second run
             undisturbed = explain(make_undisturbed_task(stored, disturbance))
             return msgspec.structs.replace(explained, undisturbed=undisturbed)

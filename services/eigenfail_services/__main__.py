@@ -6,27 +6,27 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
-from threading import Event
+from threading import Event, Thread
 from typing import NoReturn
 
 import structlog
 
-from eigenfail import logs
+from eigenfail import logs, plugins
 from eigenfail.command_line import Parser, checked_stdout
 from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.hosting.service import Launcher
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import observability, options
-from eigenfail_services.background import BackgroundTasks
 from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns import analysis_jobs
 from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.hub.transport import load_keys
-from eigenfail_services.store.store import open_store
+from eigenfail_services.store.store import Store, open_store
 
 TURN_S = 0.25
 RETRY_S = 1.0
@@ -34,7 +34,58 @@ HUB_WAIT_S = 0.5
 """Time that a statement of the hub waits for another program's lock: workers wait as long for
 an answer, and what could not be written is tried again."""
 
+TASK_RETRY_S = 2.0
+"""Pause before a task that broke off is started again: it must not fill the log."""
+
+TASKS_STOP_S = 3.0
+"""Time that all tasks together have to end. The process then ends without them. [s]"""
+
+Task = Callable[[Store, Event], None]
+"""What an entry point of `eigenfail.tasks` names: it returns soon after the event is set."""
+
 log = structlog.get_logger()
+
+
+class BackgroundTasks:
+    """Runs the tasks of the installed plug-ins, each in a thread of its own.
+
+    Whatever a task meets is logged and ends nothing else: the service must work without plug-ins.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._stopping = Event()
+        self._threads: list[Thread] = []
+
+    def start(self) -> None:
+        """Start all tasks that can be loaded."""
+        for name in plugins.names(plugins.TASKS):
+            try:
+                task = plugins.load(plugins.TASKS, name)
+            except EigenfailError:
+                log.exception("a task is left out", task=name)
+                continue
+            # A task that does not end must not keep the process alive.
+            thread = Thread(target=self._run, args=(name, task), name=name, daemon=True)
+            thread.start()
+            self._threads.append(thread)
+
+    def stop(self) -> None:
+        """Ask all tasks to end, and wait for them."""
+        self._stopping.set()
+        until_s = time.monotonic() + TASKS_STOP_S
+        for thread in self._threads:
+            thread.join(max(0.0, until_s - time.monotonic()))
+
+    def _run(self, name: str, task: Task) -> None:
+        while not self._stopping.is_set():
+            try:
+                task(self._store, self._stopping)
+            except Exception:
+                log.exception("a task broke off and is started again", task=name)
+                self._stopping.wait(TASK_RETRY_S)
+            else:
+                return
 
 
 def parse(words: list[str] | None = None) -> argparse.Namespace:

@@ -18,8 +18,8 @@ from eigenfail import plugins
 from eigenfail.errors import Conflict, SchemaMismatch
 from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import CampaignState
-from eigenfail_services import background
-from eigenfail_services.background import BackgroundTasks
+from eigenfail_services import __main__ as process
+from eigenfail_services.__main__ import BackgroundTasks
 from eigenfail_services.store import migrate
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.store import open_store
@@ -196,7 +196,7 @@ def test_backups_have_the_tables_of_plugins_and_restoring_keeps_what_is_there(br
 
 
 def test_a_task_runs_again_after_an_error_until_the_service_stops(bring, store, monkeypatch):
-    monkeypatch.setattr(background, "RETRY_S", 0.01)
+    monkeypatch.setattr(process, "TASK_RETRY_S", 0.01)
     bring(plugins.TASKS, sheep=TASK, goats="raise RuntimeError('broken')")
     tasks = BackgroundTasks(store)
     with capture_logs() as logged:
@@ -218,7 +218,7 @@ def test_a_task_runs_again_after_an_error_until_the_service_stops(bring, store, 
 
 
 def test_a_task_that_does_not_end_holds_up_the_stop_only_briefly(bring, store, monkeypatch):
-    monkeypatch.setattr(background, "STOP_S", 0.05)
+    monkeypatch.setattr(process, "TASKS_STOP_S", 0.05)
     bring(
         plugins.TASKS, sheep="from time import sleep\n\n\ndef part(store, stopping):\n    sleep(2)"
     )

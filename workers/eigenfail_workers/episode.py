@@ -39,9 +39,7 @@ class EpisodeDriver:
         self._deviations = Deviations(model)
         self._conversion = Conversion(model.noise_shape)
         channels = model.list_channels()
-        self._perceived = [
-            place for place, channel in enumerate(channels) if channel.kind is not PARAMETER
-        ]
+        self._perceived = [n for n, each in enumerate(channels) if each.kind is not PARAMETER]
         self._perceives_all = len(self._perceived) == len(channels)
         self._noise = noise
         self._recorder = recorder

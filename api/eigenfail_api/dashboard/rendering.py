@@ -93,12 +93,12 @@ def round_array(array: object) -> object:
     """Return an array as plain values, floats with as many digits as a screen can show.
 
     Raises:
-        NotImplementedError: it is no array, and no number of numpy.
+        TypeError: it is neither an array nor a number of numpy.
     """
     if isinstance(array, np.generic):
         return array.item()
     if not isinstance(array, np.ndarray):
-        raise NotImplementedError(f"{type(array).__name__} is no array")
+        raise TypeError(f"{type(array).__name__} is not an array")
     if array.ndim > 1:
         return list(array)
     return [float(f"{value:.{DIGITS}g}") for value in array.tolist()]

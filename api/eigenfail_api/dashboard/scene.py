@@ -1,6 +1,7 @@
 """The scene of an episode over time, failures over each other, and the planner's account."""
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import ceil, floor, inf, log10, nan
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.contracts.recording import OverlaidRecordings
-from eigenfail.explanations import NotableMoment, find_moments
+from eigenfail.explanations import NOTHING, SOLVED, read_word
 from eigenfail.presentation.figures import UNKNOWN, format_number
 from eigenfail.presentation.tables import Table
 from eigenfail.values.arrays import Floats
@@ -20,6 +21,32 @@ from eigenfail.values.proof import ExplainedStep, Explanation
 from eigenfail.values.scene import UNKNOWN_KIND, Mission, Scene
 from eigenfail_api.dashboard import charts
 from eigenfail_services.analysis import footprints
+
+_MOST_MOMENTS = 12
+"""More jumps than these would hide each other."""
+
+
+class NotableMoment(msgspec.Struct, frozen=True):
+    """A moment of an episode that the player offers to jump to."""
+
+    time_s: float
+    words: str
+
+
+def find_moments(steps: Sequence[ExplainedStep]) -> tuple[NotableMoment, ...]:
+    """Find the first moments at which a track is lost, a plan overridden or a program unsolved."""
+    found = (one for before, now in pairwise(steps) for one in _find_beginnings(before, now))
+    return tuple(one for one, _ in zip(found, range(_MOST_MOMENTS), strict=False))
+
+
+def _find_beginnings(before: ExplainedStep, now: ExplainedStep) -> Iterator[NotableMoment]:
+    if (read_figure(now, "lost_tracks") or 0.0) > (read_figure(before, "lost_tracks") or 0.0):
+        yield NotableMoment(now.time_s, "track lost")
+    override = read_word(now, "override")
+    if override not in NOTHING and override != read_word(before, "override"):
+        yield NotableMoment(now.time_s, override.replace("_", " "))
+    if read_word(now, "qp_status") not in SOLVED and read_word(before, "qp_status") in SOLVED:
+        yield NotableMoment(now.time_s, "program not solved")
 
 
 def list_jumps(result: EpisodeResult) -> list[NotableMoment]:

@@ -9,10 +9,11 @@ from fastapi.responses import StreamingResponse
 
 from eigenfail import filters
 from eigenfail.values.campaign import Campaign
-from eigenfail.values.episode import Outcome
+from eigenfail.values.disturbance import find_channel_likelihoods
+from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.operations import Presence
 from eigenfail.values.proof import Explanation
-from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page, make_episode_detail
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page, assess
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
 from eigenfail_api import parameters
@@ -110,6 +111,25 @@ def list_episodes(
         return parameters.Json(Page(found.items, found.next, total))
     items = tuple(export_formats.pick_columns(row, query.columns) for row in found.items)
     return parameters.Json(Page(items, found.next, total))
+
+
+def make_episode_detail(
+    campaign: int, result: EpisodeResult, channels: tuple[str, ...]
+) -> EpisodeDetail:
+    """Return the result with its campaign, assessment and the names of the channels of its noise.
+
+    Args:
+        campaign: id of its campaign.
+        result: the result as it is stored.
+        channels: names of the channels, in the order of the columns of z.
+    """
+    return EpisodeDetail(
+        **msgspec.structs.asdict(result),
+        assessed=assess(result.outcome, result.measures),
+        channels=channels,
+        likelihoods=find_channel_likelihoods(result.noise, channels),
+        campaign=campaign,
+    )
 
 
 @router.get(f"{EPISODES}/{{index}}", **document_route(EpisodeDetail))

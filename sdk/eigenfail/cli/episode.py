@@ -83,7 +83,8 @@ def explain(
 ) -> CommandResult:
     """Replay a stored episode, and print what happened, from the planner's own account.
 
-    A failure is also run once without noise, which tells whether noise is its cause.
+    If the episode failed, the command also runs it without noise, and says whether noise is the
+    cause.
 
     With --steps, --every, --from or --to, what the planner believed and decided in these steps
     follows. Exits with 1 if the run differs from the stored one.

@@ -30,9 +30,6 @@ from eigenfail.values.records import EpisodeDetail, EpisodeRow, Page
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import ReplayRequest, read_fields
 
-EXPLANATION_S = 120.0
-"""How long an explanation is waited for: a failure is run twice for it."""
-
 Picked = dict[str, Value | None]
 """Columns of an episode by their names; None where nothing was measured."""
 
@@ -293,8 +290,7 @@ class Episodes:
             InvalidValue: the episode cannot be run again.
             ServiceError: too many wait for an explanation already.
         """
-        path = f"{locate_episode(campaign, index)}/explanation"
-        return self._link.get(path, Explanation, read_s=EXPLANATION_S)
+        return self._link.get(f"{locate_episode(campaign, index)}/explanation", Explanation)
 
     def replay(
         self, campaign: CampaignLike, index: EpisodeLike | None = None, scale: float = 1.0

@@ -179,11 +179,9 @@ def find_pause(error: httpx2.HTTPError, tried: int) -> float:
     return FIRST_PAUSE_S * 2.0 ** (tried - 1) + uniform(0.0, JITTER_S)  # noqa: S311 - no secret
 
 
-# A service that computes a comparison may take long; one that is not there refuses at once.
-READ_S = 60.0
-
-
-TIMEOUT = httpx2.Timeout(READ_S, connect=3.0)
+# A comparison takes long, and an explanation, for which a failure is run twice, up to 110 s. A
+# service that is not there refuses at once.
+TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=120.0)
 
 
 STREAM_TIMEOUT = httpx2.Timeout(60.0, connect=3.0, read=45.0)
@@ -251,13 +249,11 @@ class Link:
             headers={"User-Agent": f"eigenfail/{__version__}", **authorization},
         )
 
-    def get(
-        self, path: str, kind: type[Kind], params: Params | None = None, read_s: float = READ_S
-    ) -> Kind:
+    def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
         """GET a path; retried while the service is busy or unreachable for a moment."""
-        return http.decode(self.get_bytes(path, _drop_missing(params), read_s), kind)
+        return http.decode(self._repeatedly("GET", path, params=_drop_missing(params)), kind)
 
-    def get_bytes(self, path: str, params: httpx2.QueryParams | Params, read_s: float) -> bytes:
+    def get_bytes(self, path: str, params: httpx2.QueryParams, read_s: float) -> bytes:
         """GET the bytes of a file, with a timeout in seconds."""
         timeout = httpx2.Timeout(60.0, connect=3.0, read=read_s)
         return self._repeatedly("GET", path, params=params, timeout=timeout)

@@ -6,7 +6,7 @@ from typing import Annotated, Generic, TypeVar
 import msgspec
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import AXES, ChannelLikelihood, find_channel_likelihoods
+from eigenfail.values.disturbance import AXES, ChannelLikelihood
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
 from eigenfail.values.showing import Shown
@@ -217,25 +217,6 @@ class EpisodeDetail(Shown, EpisodeResult, frozen=True, eq=False, kw_only=True):
     channels: tuple[str, ...] = AXES
     likelihoods: tuple[ChannelLikelihood, ...] = ()
     campaign: int | None = None
-
-
-def make_episode_detail(
-    campaign: int, result: EpisodeResult, channels: tuple[str, ...]
-) -> EpisodeDetail:
-    """Return the result with its campaign, assessment and the names of the channels of its noise.
-
-    Args:
-        campaign: id of its campaign.
-        result: the result as it is stored.
-        channels: names of the channels, in the order of the columns of z.
-    """
-    return EpisodeDetail(
-        **msgspec.structs.asdict(result),
-        assessed=assess(result.outcome, result.measures),
-        channels=channels,
-        likelihoods=find_channel_likelihoods(result.noise, channels),
-        campaign=campaign,
-    )
 
 
 class ConflictTotals(msgspec.Struct, frozen=True):

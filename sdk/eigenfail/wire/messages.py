@@ -4,7 +4,7 @@ Messages are tagged structs in MessagePack; arrays are a shape and little-endian
 Bytes that do not decode raise ProtocolError and nothing else: nothing in them can run code.
 """
 
-from collections.abc import Collection, Hashable, Iterator
+from collections.abc import Iterator
 from hashlib import sha256
 from itertools import count
 from typing import Annotated, Any
@@ -411,50 +411,3 @@ class Assembler:
     def clear(self) -> None:
         """Drop the message that is not complete."""
         self._number, self._data = 0, bytearray()
-
-
-class AssemblerTable:
-    """The assemblers of a hub, one for each connection, within a bound for all of them."""
-
-    def __init__(self) -> None:
-        self._assemblers: dict[Hashable, Assembler] = {}
-        self._held_bytes = 0
-
-    def __len__(self) -> int:
-        """Number of connections with an incomplete message."""
-        return len(self._assemblers)
-
-    def add(self, connection: Hashable, piece: Piece) -> bytes | None:
-        """Take a piece; return the message of that connection if it is complete now.
-
-        Where the bound is exceeded, the longest incomplete message is dropped.
-
-        Raises:
-            ProtocolError: the piece does not fit the size that it names.
-        """
-        assembler = self._assemblers.get(connection)
-        if assembler is None:
-            assembler = self._assemblers[connection] = Assembler(MAX_BYTES_TO_HUB)
-        before = assembler.held_bytes
-        try:
-            return assembler.add(piece)
-        finally:
-            # Also after an error, which drops what was held.
-            held_bytes = assembler.held_bytes
-            self._held_bytes += held_bytes - before
-            if not held_bytes:
-                del self._assemblers[connection]
-            elif self._held_bytes > MAX_UNFINISHED_BYTES:
-                self._drop(max(self._assemblers, key=self._size))
-
-    def keep_only(self, connections: Collection[Hashable]) -> None:
-        """Drop the incomplete messages of all other connections."""
-        for gone in [each for each in self._assemblers if each not in connections]:
-            self._drop(gone)
-
-    def _drop(self, connection: Hashable) -> None:
-        self._held_bytes -= self._size(connection)
-        del self._assemblers[connection]
-
-    def _size(self, connection: Hashable) -> int:
-        return self._assemblers[connection].held_bytes

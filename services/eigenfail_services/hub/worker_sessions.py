@@ -2,7 +2,7 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -39,6 +39,53 @@ PACKAGE = "eigenfail"
 log = structlog.get_logger()
 
 Send = Callable[[bytes, messages.Message], None]
+
+
+class AssemblerTable:
+    """The assemblers of a hub, one for each connection, within a bound for all of them."""
+
+    def __init__(self) -> None:
+        self._assemblers: dict[Hashable, messages.Assembler] = {}
+        self._held_bytes = 0
+
+    def __len__(self) -> int:
+        """Number of connections with an incomplete message."""
+        return len(self._assemblers)
+
+    def add(self, connection: Hashable, piece: messages.Piece) -> bytes | None:
+        """Take a piece; return the message of that connection if it is complete now.
+
+        Where the bound is exceeded, the longest incomplete message is dropped.
+
+        Raises:
+            ProtocolError: the piece does not fit the size that it names.
+        """
+        assembler = self._assemblers.get(connection)
+        if assembler is None:
+            assembler = self._assemblers[connection] = messages.Assembler(messages.MAX_BYTES_TO_HUB)
+        before = assembler.held_bytes
+        try:
+            return assembler.add(piece)
+        finally:
+            # Also after an error, which drops what was held.
+            held_bytes = assembler.held_bytes
+            self._held_bytes += held_bytes - before
+            if not held_bytes:
+                del self._assemblers[connection]
+            elif self._held_bytes > messages.MAX_UNFINISHED_BYTES:
+                self._drop(max(self._assemblers, key=self._size))
+
+    def keep_only(self, connections: Collection[Hashable]) -> None:
+        """Drop the incomplete messages of all other connections."""
+        for gone in [each for each in self._assemblers if each not in connections]:
+            self._drop(gone)
+
+    def _drop(self, connection: Hashable) -> None:
+        self._held_bytes -= self._size(connection)
+        del self._assemblers[connection]
+
+    def _size(self, connection: Hashable) -> int:
+        return self._assemblers[connection].held_bytes
 
 
 class Draining:
@@ -107,7 +154,7 @@ class WorkerSessions:
         self._leases = leases
         self._commits = commits
         self._refusals = transport.RefusalLog()
-        self._assemblers = messages.AssemblerTable()
+        self._assemblers = AssemblerTable()
         self.declined: dict[int, str] = {}
         self.prepared: list[tuple[int, Versions]] = []
         self._began_s = self._expired_s = time.monotonic()

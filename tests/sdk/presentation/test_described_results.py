@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.explanations import find_moments
 from eigenfail.presentation import analyses
 from eigenfail.presentation.campaigns import (
     describe_comparison,
@@ -32,6 +31,7 @@ from eigenfail.values.measures import Measures
 from eigenfail.values.proof import ExplainedStep, Proof, Reproduction
 from eigenfail.values.records import Assessment, EpisodeDetail
 from eigenfail.values.summary import CampaignCost, Course, Errored, TimeSplit
+from eigenfail_api.dashboard.scene import find_moments
 
 NONE = np.zeros((0, 2), np.float32)
 SAMPLED = Rate(0.25, 25, 100, Interval(0.175, 0.343))

@@ -19,9 +19,9 @@ from eigenfail.values.records import (
     ConflictClass,
     assess,
     is_unresolved,
-    make_episode_detail,
 )
 from eigenfail.values.shapes import Correlated, HeavyTailed
+from eigenfail_api.routes.episodes import make_episode_detail
 
 replace = msgspec.structs.replace
 many = settings(deadline=None, derandomize=True, max_examples=200)

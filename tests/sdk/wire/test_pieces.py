@@ -14,7 +14,6 @@ from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,
     Assembler,
-    AssemblerTable,
     Hello,
     Holding,
     Lease,
@@ -23,6 +22,7 @@ from eigenfail.wire.messages import (
     read_hub_message,
     split,
 )
+from eigenfail_services.hub.worker_sessions import AssemblerTable
 
 
 def lease(steps: int) -> Lease:

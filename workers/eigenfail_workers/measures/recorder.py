@@ -147,6 +147,9 @@ class Apart(NamedTuple):
     between: Separation
 
 
+Encounters = dict[int, Encounter]
+"""Encounters with the other vehicles, by number."""
+
 POSITION_NOISE = DisturbanceModel()
 
 
@@ -212,7 +215,7 @@ class Recorder:
                 out a reported collision.
         """
         before, frame_s = self._course[-1] if self._course else None, dt_s / (1 + len(seen.frames))
-        met: dict[int, Encounter] = {}
+        met: Encounters = {}
         for frame in (*seen.frames, seen):
             _check(frame)
             observation = before = encounters.end_at_contact(before, frame, frame_s)
@@ -233,9 +236,7 @@ class Recorder:
             self._importances.append(compute_importance(self._importance, approach))
         return observation
 
-    def _meet(
-        self, now: Observation, met: dict[int, Encounter], dt_s: float
-    ) -> dict[int, Encounter]:
+    def _meet(self, now: Observation, met: Encounters, dt_s: float) -> Encounters:
         """Compare the ego with each vehicle at a moment, by number.
 
         Args:
@@ -250,8 +251,7 @@ class Recorder:
         for number, other in zip(now.numbers, now.others, strict=True):
             pair = encounters.Pair(now.ego, other)
             one = self._compare(now.step, number, pair, before.get(number), dt_s)
-            if number in met:
-                earlier = met[number]
+            if earlier := met.get(number):
                 nearest_m = min(earlier.distance_m, one.distance_m)
                 one = Encounter(nearest_m, one.conflict, earlier.conflicts + one.within)
             found[number] = one

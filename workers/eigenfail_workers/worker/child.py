@@ -106,11 +106,9 @@ class Child:
         except EigenfailError as error:
             self._refused[message.campaign] = episode.EpisodeFault("input", read_text(error))
         except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything; no Ctrl-C here
-            problem = f"Making simulator and scenario raised {describe_error(error)}."
+            problem = f"Making simulator and scenario raised {describe_error(error)}. "
             remedy = "Look into what they do when they are made."
-            self._refused[message.campaign] = episode.EpisodeFault(
-                "simulator", f"{problem} {remedy}"
-            )
+            self._refused[message.campaign] = episode.EpisodeFault("simulator", problem + remedy)
         if changes := before.changes():
             log.warning("process state changed by imports", campaign=message.campaign, what=changes)
         self._process_state = ProcessState()
