@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from eigenfail.presentation.figures import UNKNOWN, format_number, format_share
-from eigenfail.presentation.tables import Table, read_number, read_text
 from eigenfail.values.analysis import AnalysisResult, Moment, TrainingInterval
 from eigenfail.values.arrays import Floats
 from eigenfail_api.dashboard import charts
@@ -51,9 +50,9 @@ def make_behaviour_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
             "times": behaviour.times_s,
             "modes": [{"mean": mode.mean, "members": mode.members} for mode in behaviour.modes],
         },
-        table=charts.list_rows(
+        table=charts.ChartTable(
             (f"Time from the {event} [s]", *_number_modes(result, len(means))),
-            (tuple(map(float, row)) for row in zip(behaviour.times_s, *means, strict=True)),
+            np.column_stack((behaviour.times_s, *means)).tolist(),
         ),
     )
     return (chart,)
@@ -79,7 +78,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> charts.Chart:
             },
         }
 
-    def tabulate(ways: Sequence[int]) -> Table:
+    def tabulate(ways: Sequence[int]) -> charts.ChartTable:
         shown = [channels[way] for way in ways]
         columns = [f"{name} {channel}" for name in names for channel in shown]
         lines = [mode.eigenfailure for mode in result.modes]
@@ -121,12 +120,13 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> charts.Chart:
             "y": y[chosen],
             "centres": [mode.centre[[0, second]] for mode in result.modes],
         },
-        table=charts.tabulate_first(
-            chosen,
-            read_text("Episode", lambda row: names[row]),
-            read_text(result.cluster_noun.capitalize(), lambda row: str(result.labels[row] + 1)),
-            read_number("First score", lambda row: float(x[row])),
-            read_number("Second score", lambda row: float(y[row])),
+        table=charts.ChartTable(
+            ("Episode", result.cluster_noun.capitalize(), "First score", "Second score"),
+            [
+                (names[row], str(result.labels[row] + 1), float(x[row]), float(y[row]))
+                for row in chosen[: charts.MOST_ROWS]
+            ],
+            charts.note_the_first(len(chosen)),
         ),
     )
 
@@ -144,9 +144,9 @@ def make_explained_chart(result: AnalysisResult) -> charts.Chart:
             "share": 100.0 * result.explained,
             "cumulated": 100.0 * cumulated,
         },
-        table=charts.list_rows(
+        table=charts.ChartTable(
             ("Component", "Share", "Cumulated"),
-            ((str(place), *map(format_share, pair)) for place, pair in enumerate(shares, start=1)),
+            [(str(place), *map(format_share, pair)) for place, pair in enumerate(shares, start=1)],
         ),
     )
 
@@ -161,7 +161,7 @@ def make_influence_chart(result: AnalysisResult) -> charts.Chart:
             "moments": list(map(draw_moment, result.moments)),
         }
 
-    def tabulate(ways: Sequence[int]) -> Table:
+    def tabulate(ways: Sequence[int]) -> charts.ChartTable:
         return tabulate_steps((channels[way].capitalize() for way in ways), influence[:, ways])
 
     caption = (
@@ -179,10 +179,10 @@ def draw_moment(found: Moment) -> dict[str, object]:
     return {"axis": found.axis, "step": found.step, "time": text}
 
 
-def tabulate_steps(titles: Iterable[str], values: Floats) -> Table:
+def tabulate_steps(titles: Iterable[str], values: Floats) -> charts.ChartTable:
     """Return a table of the values: a row for each step, a column for each title."""
-    rows: Iterable[charts.Row] = ((str(step), *map(float, row)) for step, row in enumerate(values))
-    return charts.list_rows(("Step", *titles), rows)
+    rows = [(str(step), *row) for step, row in enumerate(values.tolist())]
+    return charts.ChartTable(("Step", *titles), rows)
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
@@ -194,8 +194,6 @@ def pick_evenly(count: int, most: int) -> list[int]:
 
 MOST_STEPS = 200
 """Points of a line: more cannot be distinguished on a screen."""
-
-DIGITS = 3
 
 Lines = Callable[[TrainingInterval], Iterable[Floats]]
 
@@ -210,7 +208,7 @@ def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     def draw_means(ways: Sequence[int]) -> dict[str, object]:
         return make_ridges(result, ways, ["mean"], lambda each: [each.mean], unit="sigma")
 
-    def tabulate_means(ways: Sequence[int]) -> Table:
+    def tabulate_means(ways: Sequence[int]) -> charts.ChartTable:
         means = [each.mean[:, [way]] for way in ways for each in intervals]
         # By channel first, so that the tenths of one channel stand beside each other.
         columns = (f"{result.channels[way]} {span}" for way in ways for span in spans)
@@ -224,10 +222,10 @@ def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
 
     means = charts.ChannelPlot(result.channels, result.influence, draw_means, tabulate_means)
     # Components have a row each for all channels together: a table of more channels is the same.
-    table = charts.list_rows(
+    table = charts.ChartTable(
         ("Episodes", "Failures", "Component", "Explained", "Likeness"),
-        (row for each in intervals for row in list_component_rows(each)),
-        "By interval; single steps are in the API.",
+        [row for each in intervals for row in list_component_rows(each)],
+        ("By interval; single steps are in the API.",),
     )
     components = charts.ChannelPlot(
         result.channels, result.influence, draw_components, lambda _: table
@@ -278,7 +276,7 @@ def make_ridges(
         "steps": steps,
         "channels": {
             result.channels[way]: [
-                [round_ridge_values(line[steps, way]) for line in lines(each)]
+                [line[steps, way] for line in lines(each)]
                 # A tenth without failures does not have a mean; an empty list keeps its place.
                 if each.failures
                 else []
@@ -287,11 +285,6 @@ def make_ridges(
             for way in ways
         },
     }
-
-
-def round_ridge_values(values: Floats) -> list[float]:
-    """Return the values with as many digits as a chart can show."""
-    return [float(f"{value:.{DIGITS}g}") for value in np.asarray(values, np.float64)]
 
 
 def format_span(interval: TrainingInterval) -> str:

@@ -30,7 +30,7 @@ from eigenfail_api.dashboard import rendering
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
-from eigenfail_services.campaigns.proofs import summarise_proof
+from eigenfail_services.campaigns.proofs import CAME_TO_NOTHING, summarise_proof
 
 
 class AnalysisChoices(msgspec.Struct, frozen=True):
@@ -267,9 +267,6 @@ def make_proof_tiles(proven: ProvenMode, unit: str) -> rendering.Tiles:
     return tuple(tiles)
 
 
-CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
-
-
 def make_proof_view(found: Proof, unit: str) -> dict[str, object]:
     """Return what the page shows of an analysis's replays; robustness in a unit, or none."""
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
@@ -316,4 +313,5 @@ def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     others = seen.settings.campaigns if seen.result else ()
     campaigns = list(map(store.campaigns.get, (seen.campaign, *others)))
     modes = store.analyses.modes(analysis)
-    return rendering.page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))
+    view = make_analysis_view(seen, campaigns, proven, modes)
+    return rendering.page("analysis.html", view)

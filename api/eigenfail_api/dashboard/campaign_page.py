@@ -189,12 +189,14 @@ def make_tiles(
     hours = figures.format_number(summary.cost.instance_hours)
     price = f"{hours} h × {figures.format_number(campaign.spec.price_usd_per_hour)} USD/h"
     spent = "Total cost" if campaign.state in FINAL_STATES else "Cost so far"
+    severity = rendering.Tile(summary.mean_severity, ("of the failures",))
+    has_road = worlds.world_of(campaign.spec.simulator).has_road
     return (
         ("Cost per failure", rendering.make_cost_tile(summary)),
         ("Failures", failures),
         *((("Failure probability", format_cell(estimate)),) if estimate else ()),
         ("log p per step [nats]", make_likelihood_tile(campaign, summary, reference)),
-        ("Mean severity [m²/s²]", rendering.Tile(summary.mean_severity, ("of the failures",))),
+        *((("Mean severity [m²/s²]", severity),) if has_road else ()),
         ("Episodes/s", rendering.Tile(summary.episodes_per_s, (lasted,))),
         (spent, rendering.Tile(summary.cost.total_usd, (price,), unit="USD")),
     )

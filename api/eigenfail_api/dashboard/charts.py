@@ -15,8 +15,11 @@ from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels, rank_c
 from eigenfail.presentation.rates import name_rates
 from eigenfail.presentation.tables import (
     Cell,
+    FormattedCell,
     Reading,
     Table,
+    TableColumn,
+    format_cell,
     name_columns,
     read_number,
     read_text,
@@ -35,7 +38,31 @@ from eigenfail_services.store.store import Store
 MOST_ROWS = 200
 
 
-Row = tuple[Cell, ...]
+Row = Sequence[Cell]
+
+
+class ChartTable(NamedTuple):
+    """The values behind a chart, for readers without scripts.
+
+    Attributes:
+        titles: titles of the columns, each with its unit.
+        rows: a cell for each column.
+        notes: sentences on what the table leaves out.
+    """
+
+    titles: Sequence[str]
+    rows: Sequence[Row]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[TableColumn, ...]:
+        """Return the columns, all of which a page shows as text."""
+        return name_columns(*self.titles)
+
+    @property
+    def cells(self) -> tuple[tuple[FormattedCell, ...], ...]:
+        """Return the rows as text."""
+        return tuple(tuple(map(format_cell, row)) for row in self.rows)
 
 
 class Chart(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,8 +84,8 @@ class Chart(msgspec.Struct, frozen=True, kw_only=True):
     title: str
     caption: str
     data: dict[str, object]
-    table: Table
-    every: Table | None = None
+    table: Table | ChartTable
+    every: ChartTable | None = None
 
     @property
     def channels(self) -> int:
@@ -85,7 +112,7 @@ class ChannelPlot(NamedTuple):
     channels: Sequence[str]
     weights: Floats
     draw: Callable[[Sequence[int]], dict[str, object]]
-    tabulate: Callable[[Sequence[int]], Table]
+    tabulate: Callable[[Sequence[int]], ChartTable]
 
     def make_chart(self, name: str, kind: str, title: str, caption: str, why: str) -> Chart:
         """Return the chart; its caption says why some channels are shown first."""
@@ -107,15 +134,14 @@ class ChannelPlot(NamedTuple):
         )
 
 
-def list_rows(titles: Iterable[str], rows: Iterable[Row], note: str = "") -> Table:
-    """Return the table of a chart, with a note on what it leaves out."""
-    return Table("", name_columns(*titles), tuple(rows), (note,) if note else ())
+def note_the_first(count: int) -> tuple[str, ...]:
+    """Return the note below a table that has only the first of so many rows."""
+    return (f"The first {MOST_ROWS} of {count} rows.",) if count > MOST_ROWS else ()
 
 
 def tabulate_first(rows: Sequence[object], *readings: Reading) -> Table:
     """Return the table of the first rows, with a note if there are more."""
-    note = (f"The first {MOST_ROWS}.",) if len(rows) > MOST_ROWS else ()
-    return tabulate("", rows[:MOST_ROWS], *readings, notes=note)
+    return tabulate("", rows[:MOST_ROWS], *readings, notes=note_the_first(len(rows)))
 
 
 def collect_floats(values: Iterable[float | None]) -> NDArray[np.float64]:
@@ -227,7 +253,7 @@ def make_robustness_chart(
 
 
 AXES = {
-    "robustness_m": "Robustness [m]",
+    "robustness_m": "Robustness",
     "log_probability_per_step": "log p per step",
     "severity": "Severity [m²/s²]",
     "min_ttc_s": "MinTTC [s]",
@@ -236,14 +262,21 @@ AXES = {
 }
 
 
-def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
-    """Return the parallel-coordinates chart, with a line for each episode."""
+def make_parallel_chart(rows: Sequence[EpisodeRow], unit: str, *, is_all: bool) -> Chart:
+    """Return the parallel-coordinates chart, with a line for each episode.
+
+    Args:
+        rows: the episodes.
+        unit: unit of robustness; empty for a function or requirements.
+        is_all: whether these are all that match.
+    """
 
     def read(name: str, row: EpisodeRow) -> float | None:
         value = read_value(row, name)
         return None if value is None else float(value)
 
     readers = {name: partial(read, name) for name in AXES}
+    titles = AXES | ({"robustness_m": f"Robustness [{unit}]"} if unit else {})
     count = figures.format_count(len(rows))
     coverage = f"A sample of {count} of the episodes that match."
     if is_all:
@@ -260,7 +293,7 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
         ),
         data={
             "columns": list(AXES),
-            "names": list(AXES.values()),
+            "names": list(titles.values()),
             "values": [collect_floats(map(read, rows)) for read in readers.values()],
             "failure": [row.outcome.is_failure for row in rows],
         },
@@ -268,7 +301,7 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             rows,
             read_text("Episode", lambda row: str(row.index)),
             read_text("Outcome", "outcome.word"),
-            *(read_number(AXES[name], read) for name, read in readers.items()),
+            *(read_number(titles[name], read) for name, read in readers.items()),
         ),
     )
 

@@ -337,7 +337,8 @@ def show_episodes(
         return page("episodes.html", blank, error.http_status, chart=None, problem=str(error))
     listed = store.episodes.page(campaign, EPISODES_ON_A_PAGE, after, where, asked.sort)
     drawn = spread(store, seen, where)
-    chart = make_parallel_chart(drawn.rows, is_all=drawn.is_all) if drawn.rows else None
+    unit = find_robustness_unit(seen.spec)
+    chart = make_parallel_chart(drawn.rows, unit, is_all=drawn.is_all) if drawn.rows else None
     found = make_found_view(seen, asked, listed)
     return page("episodes.html", found, chart=chart, problem="")
 

@@ -11,14 +11,15 @@ from eigenfail.presentation.rates import name_rates
 from eigenfail.values.campaign import Campaign
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import CampaignCost, Course
-from eigenfail.worlds import world_of
+from eigenfail.worlds import find_robustness_unit
 from eigenfail_api.dashboard.charts import (
     MOST_ROWS,
     Chart,
+    ChartTable,
     collect_floats,
     format_bounds,
     format_span,
-    list_rows,
+    note_the_first,
 )
 
 FINDS = {"failures": "Failures", "modes": "Distinct modes"}
@@ -64,13 +65,13 @@ def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> 
         title=f"{FINDS[find]} against cost",
         caption=f"{FINDS[find]} found by accumulated cost, one line per campaign.",
         data={"x": "USD", "y": FINDS[find], "look": "steps", "lines": lines},
-        table=list_rows(
+        table=ChartTable(
             ("USD", *known),
-            (
+            [
                 (usd, *(count_found(cost, usd) for cost in known.values()))
                 for usd in list_amounts(known.values())
-            ),
-            "–: no further cost.",
+            ],
+            ("–: no further cost.",),
         ),
     )
 
@@ -133,9 +134,9 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
         caption="By blocks of episodes; the table holds the 95 % intervals of random samples."
         + _explain_searches(compared),
         data={"x": "Episode", "y": f"{what} [%]", "look": "lines", "lines": lines},
-        table=list_rows(
+        table=ChartTable(
             ("Campaign", "Episodes", what, "95 % interval"),
-            (
+            [
                 (
                     name,
                     format_span(block),
@@ -143,8 +144,8 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
                     format_bounds(block.failure_rate),
                 )
                 for name, block in blocks[:MOST_ROWS]
-            ),
-            f"The first {MOST_ROWS} of {len(blocks)} rows." if len(blocks) > MOST_ROWS else "",
+            ],
+            note_the_first(len(blocks)),
         ),
     )
 
@@ -185,23 +186,23 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
             "is likelier, farther up is worse."
         ),
         data={"x": "log p per step", "y": "Severity [m²/s²]", "look": "marks", "lines": lines},
-        table=list_rows(
+        table=ChartTable(
             ("Campaign", "Failures drawn", "Median log p per step", "Median severity [m²/s²]"),
-            (
+            [
                 (name, len(each), *map(float, np.median(each, axis=0)))
                 for name, each in points.items()
                 if each
-            ),
+            ],
         ),
     )
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the distribution of robustness; that of a function has no unit."""
-    roads = [world_of(one.campaign.spec.simulator).has_road for one in compared]
-    # A function has no metres: on one axis with a road the unit holds for the road alone.
-    unit = " [m]" if all(roads) else " [m on the road]" if any(roads) else ""
-    nothing = "0 m" if all(roads) else "0"
+    units = {find_robustness_unit(one.campaign.spec) for one in compared}
+    # Functions and requirements have no metres: beside distances the unit holds for these alone.
+    unit = " [m]" if units == {"m"} else " [m for distances]" if "m" in units else ""
+    nothing = "0 m" if units == {"m"} else "0"
     measured = (
         (one.name, [row.robustness_m for row in one.rows if row.robustness_m is not None])
         for one in compared
@@ -222,13 +223,13 @@ def make_distance_chart(compared: Sequence[Compared]) -> Chart:
             "look": "lines",
             "lines": lines,
         },
-        table=list_rows(
+        table=ChartTable(
             ("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in QUANTILES)),
-            (
+            [
                 (name, len(found), *map(float, np.quantile(found, QUANTILES)))
                 for name, found in known
-            ),
-            f"Quantiles of robustness{unit}.",
+            ],
+            (f"Quantiles of robustness{unit}.",),
         ),
     )
 

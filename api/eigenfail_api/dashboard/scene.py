@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from eigenfail.contracts.recording import OverlaidRecordings
 from eigenfail.explanations import NOTHING, SOLVED, read_word
 from eigenfail.presentation.figures import UNKNOWN, format_number
-from eigenfail.presentation.tables import Table
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
@@ -75,7 +73,8 @@ def make_noise_chart(
     standardised = noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
-    is_position = tuple(channels) == AXES
+    # The default channels of a function have these names, too, and are no positions.
+    is_position = dt_s is not None and tuple(channels) == AXES
     unit = "[m]" if is_position else "injected"
 
     def draw(ways: Sequence[int]) -> dict[str, object]:
@@ -86,13 +85,13 @@ def make_noise_chart(
             "channels": {channels[way]: standardised[:, way] for way in ways},
         }
 
-    def tabulate(ways: Sequence[int]) -> Table:
+    def tabulate(ways: Sequence[int]) -> charts.ChartTable:
         names = [channels[way].capitalize() for way in ways]
         columns = [f"{name} {kind}" for kind in ("[sigma]", unit) for name in names]
         values = (standardised[:, ways], noise.injected[:, ways], noise.log_probability_per_step)
         steps = zip(times, *values, strict=True)
-        rows = ((at, *map(float, (*u, *a, log_p))) for at, u, a, log_p in steps)
-        return charts.list_rows((axis, *columns, "log p"), rows)
+        rows = [(at, *map(float, (*u, *a, log_p))) for at, u, a, log_p in steps]
+        return charts.ChartTable((axis, *columns, "log p"), rows)
 
     title = "Noise on the perceived position" if is_position else "Noise"
     caption = (
@@ -174,12 +173,12 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
                 "ticks": make_ticks(values, scale),
                 "values": values,
             },
-            table=charts.list_rows(
+            table=charts.ChartTable(
                 ("Time [s]", f"{title} [{unit}]"),
-                (
+                [
                     (format_number(dt_s * step), format_number(float(value), 4))
                     for step, value in enumerate(values)
-                ),
+                ],
             ),
         )
         for (name, caption), (title, unit, values, scale) in zip(
@@ -230,10 +229,10 @@ def make_scene_chart(
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
             **_list_optional_values(scene),
         },
-        table=charts.list_rows(
+        table=charts.ChartTable(
             SCENE_COLUMNS,
-            (make_scene_row(scene, step, actor, apart) for step, actor in enumerate(nearest)),
-            "The scene by step.",
+            [make_scene_row(scene, step, actor, apart) for step, actor in enumerate(nearest)],
+            ("The scene by step.",),
         ),
     )
 
@@ -369,7 +368,7 @@ def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> charts.Char
         caption=f"From above. {first[0].upper()}{first[1:]} is opaque, the other failures are"
         " translucent.",
         data=data,
-        table=charts.list_rows(
+        table=charts.ChartTable(
             (
                 "Time before the end [s]",
                 "Failures under way",
@@ -380,8 +379,8 @@ def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> charts.Char
                 "Smallest [m]",
                 "Largest [m]",
             ),
-            _list_overlay_rows(failures, recordings.scenes[0].dt_s),
-            "Speed of the ego and distance to the nearest vehicle, by time before the end.",
+            list(_list_overlay_rows(failures, recordings.scenes[0].dt_s)),
+            ("Speed of the ego and distance to the nearest vehicle, by time before the end.",),
         ),
     )
 
@@ -411,18 +410,10 @@ class _Failure:
             "last": self.last,
             "struck": self.struck,
             "sizes": self._scene.sizes,
-            "tracks": [_list_known(track.ravel()) for track in poses.swapaxes(0, 1)],
-            "speed": _list_known(self.speed_mps.round(1)),
-            "apart": _list_known(self.apart_m.round(CENTIMETRE)),
+            "tracks": [track.ravel().tolist() for track in poses.swapaxes(0, 1)],
+            "speed": self.speed_mps,
+            "apart": self.apart_m,
         }
-
-
-def _list_known(values: NDArray[np.float64]) -> list[float | None]:
-    """Return numbers for JSON; None while a vehicle is not there."""
-    return [
-        value if is_known else None
-        for value, is_known in zip(values.tolist(), np.isfinite(values).tolist(), strict=True)
-    ]
 
 
 def _list_overlay_rows(failures: Sequence[_Failure], dt_s: float) -> Iterator[tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """Routes of episodes: lists, single results, explanations, replays and exports as files."""
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Response
@@ -219,36 +219,25 @@ Source = Annotated[export_formats.ExportSource, Depends(make_source)]
 
 # A portion of episodes with their noise takes a second and much memory to encode.
 EXPORTS = ConcurrencyLimit("exports")
+EXPORTED: dict[str, Any] = {
+    "response_class": StreamingResponse,
+    "dependencies": [Depends(EXPORTS, scope="function")],
+}
 
 
-@router.get(
-    "/campaigns/{campaign}/episodes.csv",
-    response_class=StreamingResponse,
-    dependencies=[Depends(EXPORTS, scope="function")],
-    **document_file(CSV),
-)
+@router.get("/campaigns/{campaign}/episodes.csv", **EXPORTED, **document_file(CSV))
 def stream_csv(source: Source) -> StreamingResponse:
     """Get finished episodes as CSV; text that a spreadsheet would compute begins with a '."""
     return _stream(source, export_formats.write_csv(source), CSV, "csv")
 
 
-@router.get(
-    "/campaigns/{campaign}/episodes.ndjson",
-    response_class=StreamingResponse,
-    dependencies=[Depends(EXPORTS, scope="function")],
-    **document_file(NDJSON),
-)
+@router.get("/campaigns/{campaign}/episodes.ndjson", **EXPORTED, **document_file(NDJSON))
 def stream_ndjson(source: Source) -> StreamingResponse:
     """Get finished episodes, one JSON object per line."""
     return _stream(source, export_formats.write_ndjson(source), NDJSON, "ndjson")
 
 
-@router.get(
-    "/campaigns/{campaign}/episodes.parquet",
-    response_class=StreamingResponse,
-    dependencies=[Depends(EXPORTS, scope="function")],
-    **document_file(PARQUET),
-)
+@router.get("/campaigns/{campaign}/episodes.parquet", **EXPORTED, **document_file(PARQUET))
 def stream_parquet(source: Source, with_noise: WithNoise = False) -> StreamingResponse:
     """Get finished episodes as Parquet, with their noise if asked."""
     export_formats.require_pyarrow()

@@ -20,7 +20,7 @@ LEAST_EXPLAINED = 0.5
 """Share of the variance below which eigenfailures are far from the failures they stand for."""
 
 LIKELIHOODS = (
-    "log p: natural logarithm of the density of the noise{unit}. That of p(x) is the mean of "
+    "log p: natural logarithm of the density of the noise. That of p(x) is the mean of "
     "random noise under p(x) over the same steps; noise of zeros has the largest log p."
 )
 TOO_FEW = "Eigenfailures of so few components may not fail again: use more with --components."
@@ -367,8 +367,7 @@ def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> table
         for scenario in proof.scenarios
         for replay in scenario.replays
     )
-    density = f" [1/{unit}²]" if unit else ""
-    return tables.Table("Replays", columns, rows, (LIKELIHOODS.format(unit=density),))
+    return tables.Table("Replays", columns, rows, (LIKELIHOODS,))
 
 
 def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> Iterator[str]:

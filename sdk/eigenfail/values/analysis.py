@@ -1,9 +1,9 @@
 """An analysis: the failures of one or several campaigns, grouped into modes."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -288,6 +288,7 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
         explained: share of the variance of its failures' noise that each of them explains.
         number: its number in the analysis, from 1, as pages and commands have it; 0 of a mode that
             belongs to no result.
+        drawn: scenario parameters that its medoid drew, by name; none where none vary.
     """
 
     failures: int
@@ -300,6 +301,7 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     components: Floats | None = None
     explained: Floats | None = None
     number: int = 0
+    drawn: Mapping[str, Any] = {}
 
 
 LONGEST_MODE_NAME = 80

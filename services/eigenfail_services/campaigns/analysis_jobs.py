@@ -16,12 +16,20 @@ from msgspec.structs import replace
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import InputError, InvalidValue, describe_error, read_text
 from eigenfail.methods import traits_of
+from eigenfail.presentation.analyses import describe_grouping
 from eigenfail.processes import NUMERIC_ENVIRONMENT, as_parent, exit_status, kill_group
-from eigenfail.values.analysis import AnalysedCampaign, Analysis, AnalysisResult, AnalysisSettings
+from eigenfail.values.analysis import (
+    AnalysedCampaign,
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    FailureMode,
+)
 from eigenfail.values.campaign import FINAL_STATES, Campaign, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.episode import episode_seed
 from eigenfail.values.records import Job
-from eigenfail.worlds import world_of
+from eigenfail.worlds import drawn_for, world_of
 from eigenfail_services.analysis.alignment import check_clusterer, choose_columns
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
@@ -69,6 +77,12 @@ class AnalysisBasis(NamedTuple):
     def ended(self) -> dict[int, int]:
         """Return the number of episodes that have ended, by id of their campaign."""
         return {each.id: each.counts.completed + each.counts.errored for each in self.campaigns}
+
+    def find_drawn(self, mode: FailureMode) -> dict[str, Any]:
+        """Return the scenario parameters that the medoid of a mode drew, by name."""
+        specs = {each.id: each.spec for each in self.campaigns}
+        spec = specs[mode.medoid_campaign or self.campaigns[0].id]
+        return drawn_for(spec, episode_seed(spec.seed, mode.medoid))
 
     def update_counts(self, store: Store) -> Self:
         """Return the basis with the present counts, which cover all failures that were read."""
@@ -331,17 +345,13 @@ def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) 
             yield f"Campaign {campaign}: failures from before the end of burn-in were analysed."
 
 
-GROUPED_BY = {"energy": "the energy of their noise in windows of 0.5 s", "noise": "their noise"}
-"""Descriptions of the features by which failures on a road of unknown behaviour are grouped."""
-
-
 def _describe_grouping(
     base: AnalysisBasis, settings: AnalysisSettings, result: AnalysisResult
 ) -> Iterator[str]:
     """Yield that failures on a road were not grouped by behaviour, as was asked for."""
     if settings.features != result.features and base.has_road:
         yield (
-            f"The failures were grouped by {GROUPED_BY[result.features]}: the speed of the ego is "
+            f"The failures were grouped by {describe_grouping(result)}: the speed of the ego is "
             "not known for all of them."
         )
 
@@ -431,6 +441,8 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     result = analyse_gathered(
         failures, analysis.settings, base.step_s, base.ended, EarlyFailures(learning, samples)
     )
+    modes = tuple(replace(each, drawn=base.find_drawn(each)) for each in result.modes)
+    result = replace(result, modes=modes)
     whole = msgspec.structs.replace(
         add_probabilities(store, base.campaigns, result),
         sources=base.sources(result.campaigns),

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple, get_args, get_type_hints
 import msgspec
 
 from eigenfail.errors import Conflict, InvalidValue
-from eigenfail.values.analysis import Analysis, AnalysisResult, FailureMode
+from eigenfail.values.analysis import Analysis, AnalysisResult
 from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.campaign_spec import LONGEST_NAME, CampaignSpec, StopRules
-from eigenfail.values.episode import EpisodeResult, Outcome, episode_seed
+from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.proof import (
     NearestFailure,
     Proof,
@@ -20,7 +20,7 @@ from eigenfail.values.proof import (
     ReplayKind,
     Reproduction,
 )
-from eigenfail.worlds import drawn_for, list_channels, world_of
+from eigenfail.worlds import list_channels, world_of
 from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
@@ -57,20 +57,13 @@ def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> li
     analysed = store.campaigns.get(analysis.campaign).spec
     found: dict[bytes, ReplayWorld] = {}
     for place, mode in enumerate(result.modes):
-        drawn = read_drawn(store, analysis, mode)
-        key = msgspec.json.encode(drawn, order="deterministic")
-        before = found.get(key, ReplayWorld(_put_parameters(analysed, drawn), (), drawn))
+        key = msgspec.json.encode(mode.drawn, order="deterministic")
+        before = found.get(key, ReplayWorld(_put_parameters(analysed, mode.drawn), (), mode.drawn))
         found[key] = before._replace(modes=(*before.modes, place))
     return list(found.values())
 
 
-def read_drawn(store: Store, analysis: Analysis, mode: FailureMode) -> dict[str, Any]:
-    """Return the scenario parameters that the medoid of a mode drew, by name."""
-    spec = store.campaigns.get(mode.medoid_campaign or analysis.campaign).spec
-    return drawn_for(spec, episode_seed(spec.seed, mode.medoid))
-
-
-def _put_parameters(spec: CampaignSpec, parameters: dict[str, Any]) -> CampaignSpec:
+def _put_parameters(spec: CampaignSpec, parameters: Mapping[str, Any]) -> CampaignSpec:
     together = {**spec.scenario_parameters, **parameters}
     return msgspec.structs.replace(spec, scenario_parameters=together)
 
@@ -93,12 +86,12 @@ def _refuse_several_worlds(store: Store, analysis: Analysis) -> None:
 
 
 def _describe_world(spec: CampaignSpec) -> dict[str, Any]:
-    defaults = world_of(spec.simulator).default_parameters(spec)
-    parameters = defaults | spec.scenario_parameters
-    return {
-        **{name: read_world_field(spec, name) for name in WORLD_FIELDS},
-        "scenario_parameters": parameters,
-    }
+    fields = {name: read_world_field(spec, name) for name in WORLD_FIELDS}
+    return fields | {"scenario_parameters": _fill_parameters(spec)}
+
+
+def _fill_parameters(spec: CampaignSpec) -> dict[str, Any]:
+    return world_of(spec.simulator).default_parameters(spec) | spec.scenario_parameters
 
 
 def read_result(analysis: Analysis) -> AnalysisResult:
@@ -223,7 +216,7 @@ def _find_home(
     numbers = _list_modes(replay.spec) or range(1, len(result.modes) + 1)
     modes = tuple(number - 1 for number in numbers)
     # The medoids of the modes of one replay drew the same.
-    drawn = read_drawn(store, analysis, result.modes[modes[0]])
+    drawn = result.modes[modes[0]].drawn
     analysed = store.campaigns.get(analysis.campaign).spec
     return ReplayWorld(_put_parameters(analysed, drawn), modes, drawn)
 
@@ -461,9 +454,7 @@ def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> R
 
 
 def _leave_out_equal(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:
-    defaults = world_of(world.simulator).default_parameters(world)
-    there = defaults | world.scenario_parameters
-    absent = object()
+    there, absent = _fill_parameters(world), object()
     return {name: value for name, value in variation.items() if there.get(name, absent) != value}
 
 

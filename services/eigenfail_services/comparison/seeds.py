@@ -233,10 +233,9 @@ def _list_notes(group: Group, members: Sequence[_Member], pooled: Rate) -> Itera
     yield _describe_pooled_rate(pooled) if design.is_sampled else OF_THE_SEARCH
     counted = {member.seed for member in members}
     if missing := sorted({spec.seed for spec in specs} - counted):
-        yield (
-            f"No episode is completed with seed {_join(missing)}: the figures are of the other "
-            f"{len(counted)}."
-        )
+        lost = ", ".join(map(str, missing))
+        rest = len(counted)
+        yield f"No episode is completed with seed {lost}: the figures are of the other {rest}."
     if repeated := len(group) - len({spec.seed for spec in specs}):
         yield f"Campaigns with the seed of another one are not counted twice: {repeated} left out."
     if unfinished := sum(member.campaign.state not in FINAL_STATES for member in members):
@@ -257,10 +256,6 @@ def _describe_pooled_rate(rate: Rate) -> str:
         "interval rather than that of the mean over seeds."
     )
     return f"{quoted} {explain_design(rate)}".rstrip()
-
-
-def _join(seeds: Sequence[int]) -> str:
-    return ", ".join(map(str, seeds))
 
 
 def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) -> SuiteTable:

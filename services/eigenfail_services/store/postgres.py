@@ -77,7 +77,8 @@ class Postgres:
 
     def __init__(self, address: str, wait_s: float) -> None:
         url = sa.make_url(address)
-        query = {name: _one(value) for name, value in url.query.items()}
+        # Of a parameter that is given several times the last one counts.
+        query = {name: values[-1] for name, values in url.normalized_query.items()}
         host = url.host or query.get("host", "")
         if "@" in host:
             # What stands before it is the rest of a password, and would be printed as a host.
@@ -210,7 +211,3 @@ def limit_statement(server: tuple[int, ...]) -> str:
     return "SELECT " + ", ".join(
         f"set_config('{name}', '{limit}', true)" for name, limit in known.items()
     )
-
-
-def _one(value: str | tuple[str, ...]) -> str:
-    return value if isinstance(value, str) else value[-1]

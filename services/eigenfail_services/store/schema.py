@@ -15,7 +15,7 @@ from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.episode import FAILURES, Outcome
 from eigenfail.values.measures import MEASURES, Measure
 
-VERSION = "1002"
+VERSION = "1003"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"

@@ -233,7 +233,7 @@ def test_training_is_drawn_by_interval_with_its_table(found):
     intervals = (interval(0, 0), *(interval(place, 3) for place in range(1, 10)))
     mean, components = make_training_charts(replace(found, training=intervals))
     assert mean.data["channels"]["lateral"][0] == []
-    assert mean.data["channels"]["lateral"][3] == [[3.0] * 4]
+    assert [line.tolist() for line in mean.data["channels"]["lateral"][3]] == [[3.0] * 4]
     assert read_headings(mean.table)[:2] == ("Step", "longitudinal 0 – 10 %")
     assert len(read_rows(mean.table)[0]) == len(read_headings(mean.table)) == 21
     assert read_rows(mean.table)[2][4] == "3.00"

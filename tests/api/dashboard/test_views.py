@@ -124,7 +124,7 @@ def test_the_robustness_of_a_function_is_no_distance():
     [
         (["highway"], " [m]"),
         (["function"], ""),
-        (["highway", "function"], " [m on the road]"),
+        (["highway", "function"], " [m for distances]"),
     ],
 )
 def test_columns_and_axes_name_metres_only_of_a_road(simulators, unit):

@@ -368,7 +368,6 @@ def test_the_replays_and_the_course_of_a_function_have_no_metres():
     texts_of = [analyses.describe_proof(proof, unit=unit) for unit in ("m", "")]
     headings = [[column.heading for column in table.columns] for table, *_ in texts_of]
     assert ["Robustness [m]" in each for each in headings] == [True, False]
-    assert ["1/m²" in table.notes[0] for table, *_ in texts_of] == [True, False]
     assert [sentences[0].partition("(")[2] for _, *sentences in texts_of] == [
         "smallest robustness 0.500 m) in the same scenario.",
         "smallest robustness 0.500) in the same scenario.",

@@ -31,7 +31,6 @@ from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, 
 from eigenfail_services.campaigns.proofs import (
     launch_replays,
     list_neighbours,
-    read_drawn,
     summarise_proof,
 )
 from eigenfail_services.campaigns.references import check_references
@@ -339,7 +338,7 @@ def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew
         spec = varied.store.campaigns.get(search).spec
         (number,) = spec.settings["modes"]
         mode = varied.analysis.result.modes[number - 1]
-        drawn = read_drawn(varied.store, varied.analysis, mode)
+        drawn = mode.drawn
         assert spec.scenario_parameters.items() >= drawn.items()
     assert len(varied.store.campaigns.page(100).items) == before + len(searching.searches)
 
@@ -349,7 +348,7 @@ def test_each_draw_is_told_by_name(varied) -> None:
     for scenario in told.scenarios:
         for replay in scenario.replays:
             mode = varied.analysis.result.modes[replay.mode]
-            assert scenario.drawn == read_drawn(varied.store, varied.analysis, mode)
+            assert scenario.drawn == mode.drawn
         (distance_m,) = scenario.drawn.values()
         told_as = "the same" if scenario.is_same else "lane_change_s = 3.1"
         assert scenario.words == f"{told_as} (drawn: distance_m = {distance_m:g})"

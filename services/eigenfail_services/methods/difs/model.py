@@ -104,12 +104,9 @@ def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Ge
         rho = cos(t) / cos(s) if t < pi / 2 else 0.0
         pull = cos(s) * (1.0 - rho**2) / sin(t)
         noise = torch.randn(x.shape, generator=generator, dtype=x.dtype, device=x.device)
-        x = rho * x - pull * v(x, _each(x, t)) + sqrt(1.0 - rho**2) * noise
+        now = torch.full((len(x),), t, dtype=x.dtype, device=x.device)
+        x = rho * x - pull * v(x, now) + sqrt(1.0 - rho**2) * noise
     return x
-
-
-def _each(x: Tensor, t: float) -> Tensor:
-    return torch.full((len(x),), t, dtype=x.dtype, device=x.device)
 
 
 TRUST_SAMPLES = 1024
