@@ -82,8 +82,8 @@ Found = Mapping[str, Campaign]
 def find_baseline(client: Client, suite: Suite, gate: GateRun) -> Found:
     """The campaign of each member of the suite, by the member's name; those that there are.
 
-    The baseline may be named by the file of a suite that was run, by campaigns' ids, by the name of
-    a suite or of a run, or by the version of one. If it is not named, it is this run itself.
+    The baseline may be named by the file of a suite that was run, by the name of a suite or of a
+    run, by the version of one, or by campaigns' ids. If it is not named, it is this run itself.
 
     Raises:
         NotFound: no such campaign.
@@ -98,11 +98,12 @@ def find_baseline(client: Client, suite: Suite, gate: GateRun) -> Found:
         return _find_in_file(client, suite, suite)
     if run.endswith(FILE):
         return _find_in_file(client, suite, Suite.read(run))
-    if IDS.fullmatch(run):
+    versions = run, baselines.name_run(gate.suite, run)
+    found = next(filter(None, (_find_by_version(client, suite, each) for each in versions)), {})
+    # A version may be a build number, a date or a hash without letters: versions are tried first.
+    if not found and IDS.fullmatch(run):
         return _find_by_ids(client, suite, map(int, run.split(",")))
-    return _find_by_version(client, suite, run) or _find_by_version(
-        client, suite, baselines.name_run(gate.suite, run)
-    )
+    return found
 
 
 def _find_in_file(client: Client, suite: Suite, before: Suite) -> Found:

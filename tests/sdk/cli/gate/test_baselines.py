@@ -15,6 +15,18 @@ def test_a_baseline_is_named_by_its_run_or_its_campaigns(eigenfail, suite, gate,
     assert [each["baseline"]["campaign"] for each in json.loads(done.stdout)["members"]] == [1, 2]
 
 
+def test_a_version_of_digits_alone_is_no_campaign(eigenfail, suite, store):
+    for version in ("884658975946", "2"):
+        words = ("gate", suite("better"), "--planner-version", version)
+        assert eigenfail(*words).exit_code == 0
+        later = ("gate", suite("better"), "--planner-version", "later", "--json", "--baseline")
+        done = eigenfail(*later, version)
+        assert done.exit_code == 0, done.output
+        members = json.loads(done.stdout)["members"]
+        names = {store.campaigns.get(each["baseline"]["campaign"]).spec.name for each in members}
+        assert {name.partition(":")[0] for name in names} == {f"trio @ {version}"}
+
+
 def test_a_suite_that_was_run_is_a_baseline_whose_eigenfailures_are_unproven(
     eigenfail, suite, store
 ):
