@@ -300,9 +300,10 @@ def allow(places: str) -> None:
 
 
 def allow_functions(specs: Iterable[CampaignSpec]) -> None:
-    """Allow the modules that campaigns name, in a service that is started for these alone.
+    """Allow the modules that these campaigns name, in a service that is started for them alone.
 
-    The user who starts that service chose the file of the campaigns; a list given there holds.
+    The user who starts that service chose the file of the campaigns. If the environment variable
+    lists modules already, that list stays as it is.
     """
     places = [spec.planner for spec in specs if spec.simulator == SIMULATOR]
     modules = sorted({place.partition(":")[0] for place in places if PLACE.fullmatch(place)})

@@ -92,7 +92,7 @@ class NamedNoise(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class CampaignReferences(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the settings of a campaign name of earlier campaigns.
+    """The earlier campaigns, and their noise, to which the settings of a campaign refer.
 
     Attributes:
         noise: what is injected again.

@@ -152,7 +152,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
         InvalidValue: too many were picked.
         NotFound: there is no such campaign.
     """
-    campaigns = sides.pick_campaigns(wished.campaign, store)
+    campaigns = sides.read_distinct_campaigns(wished.campaign, store)
     ids = [each.id for each in campaigns]
     # Those that are picked stand first, in their order.
     found = islice(find_matching(store, ids, wished.q), LISTED)

@@ -117,8 +117,8 @@ def to_json(value: object) -> str:
 
 
 @cache
-def list_charted_methods() -> str:
-    """Return the names of the methods that declare their place in charts, in order."""
+def join_charted_methods() -> str:
+    """Return the names of the methods that have a `chart_mark`, by that mark, in one text."""
     marks = {name: traits_of(name).chart_mark for name in plugins.names(plugins.METHODS)}
     places = sorted((mark, name) for name, mark in marks.items() if mark is not None)
     return " ".join(name for _, name in places)
@@ -433,7 +433,7 @@ def make_environment() -> jinja2.Environment:
         "version": __version__,
         "clusterers": CLUSTERERS,
         "modules_of": list_modules,
-        "charted_methods": list_charted_methods,
+        "charted_methods": join_charted_methods,
         "foreign_links": _links.get,
         "analysis_badges": ANALYSIS_BADGES,
         "campaign_badges": CAMPAIGN_BADGES,

@@ -139,14 +139,14 @@ def shorten_report(report: GateReport) -> GateReport:
     inconclusive: the errored episode that says so is kept.
     """
     # Reruns first: their episodes can be listed again, known failures are what a gate is about.
-    for shorten in (_shorten_rerun, _shorten_known):
+    for shorten in (_drop_rerun_episodes, _shorten_known):
         if len(msgspec.json.encode(report)) <= LARGEST_REPORT:
             break
         report = replace(report, members=tuple(map(shorten, report.members)))
     return report
 
 
-def _shorten_rerun(member: MemberReport) -> MemberReport:
+def _drop_rerun_episodes(member: MemberReport) -> MemberReport:
     """Return a member without the episodes of its rerun, but for one that errored."""
     rerun = member.rerun
     kept = _choose_errored(rerun.findings) if rerun else ()

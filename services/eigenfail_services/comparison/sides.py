@@ -349,8 +349,8 @@ def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
 FEWEST, MOST = 2, 12
 
 
-def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
-    """Return the campaigns to be compared, each once, in the order of their ids.
+def read_distinct_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
+    """Return the campaigns to be compared, each once, in the order in which they are named.
 
     Raises:
         InvalidValue: they are too many.

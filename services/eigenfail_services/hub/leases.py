@@ -133,11 +133,11 @@ class InterruptedEpisodes:
 
     def disconnect(self, worker: str, disconnection: Disconnection) -> None:
         """Note that the connection of a worker closed while it ran an episode."""
-        self.reconnect(worker)
+        self.pop_disconnection(worker)
         self._disconnections[worker] = disconnection
         self._running.setdefault(disconnection.key, {})[worker] = disconnection.task
 
-    def reconnect(self, worker: str) -> Disconnection | None:
+    def pop_disconnection(self, worker: str) -> Disconnection | None:
         """Remove and return the disconnection of a worker that is alive, if it has one."""
         if disconnection := self._disconnections.pop(worker, None):
             del self._running[disconnection.key][worker]
@@ -162,7 +162,7 @@ class InterruptedEpisodes:
             for worker, each in self._disconnections.items()
             if now_s >= each.until_s and each.key not in self._lost
         }
-        return [each for worker in overdue.values() if (each := self.reconnect(worker))]
+        return [each for worker in overdue.values() if (each := self.pop_disconnection(worker))]
 
 
 class Leases:
@@ -208,7 +208,7 @@ class Leases:
             self.end_session(old)
         # What it ran waits again, so that `adopt` leases it to this worker if its hello names
         # it.
-        if disconnection := self._interrupted.reconnect(hello.life):
+        if disconnection := self._interrupted.pop_disconnection(hello.life):
             self._put_back(disconnection.key[0], disconnection.task)
         self._workers.add(worker, hello, now_s)
         self._holdings.add(worker, hello.holdings)
@@ -250,7 +250,7 @@ class Leases:
 
     def expects_results(self, campaign: int) -> bool:
         """Return whether any episode of a campaign is leased or waits."""
-        return self.has_leases(campaign) or campaign in self._queue.campaigns()
+        return self.has_leases(campaign) or campaign in self._queue.list_waiting_campaigns()
 
     def needs_result(self, campaign: int, index: int) -> bool:
         """Return whether an episode was offered and has no result since then."""
@@ -365,7 +365,7 @@ class Leases:
 
     def list_unrunnable(self) -> Collection[int]:
         """Return the campaigns with waiting episodes that no connected worker can run."""
-        return self._scheduler.list_unrunnable(self._queue.campaigns())
+        return self._scheduler.list_unrunnable(self._queue.list_waiting_campaigns())
 
     def has_bridge(self) -> bool:
         """Return whether a worker with a bridge is connected."""
@@ -417,7 +417,7 @@ class Leases:
         if self._queue.has_campaign(campaign):
             self._scheduler.record_duration(campaign, wall_s, lease)
 
-    def adopt(self, fingerprint: worker_table.Fingerprint) -> set[tuple[bytes, int]]:
+    def lease_held_episodes(self, fingerprint: worker_table.Fingerprint) -> set[tuple[bytes, int]]:
         """Lease each waiting episode that a worker holds from before to that worker.
 
         After a restart of the hub, a campaign goes on from a checkpoint that was committed before

@@ -288,7 +288,7 @@ class Scheduler:
 
     def _campaigns_for(self, pool: _Pool, queue: worker_table.EpisodeQueue) -> Collection[int]:
         """Return the campaigns with waiting episodes that the workers of a pool can run."""
-        campaigns = queue.campaigns()
+        campaigns = queue.list_waiting_campaigns()
         if pool is self._pools[True] or not self._on_bridge:
             return campaigns
         return [campaign for campaign in campaigns if campaign not in self._on_bridge]

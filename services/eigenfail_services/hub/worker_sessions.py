@@ -332,7 +332,7 @@ class WorkerSessions:
         def fingerprint(campaign: int, task: EpisodeTask) -> bytes:
             return messages.fingerprint_task(runs[campaign].spec.setup, task)
 
-        for worker, campaign in self._leases.adopt(fingerprint):
+        for worker, campaign in self._leases.lease_held_episodes(fingerprint):
             name = self._leases.sessions[worker].name
             log.warning("worker holds another campaign", worker=name, campaign=campaign)
             self._drop(worker, campaign)

@@ -230,7 +230,7 @@ class EpisodeQueue:
         self._needed: dict[int, set[int]] = {}
         self._nonempty: dict[int, None] = {}
 
-    def campaigns(self) -> Collection[int]:
+    def list_waiting_campaigns(self) -> Collection[int]:
         """Return the campaigns of which at least one episode waits."""
         return self._nonempty.keys()
 

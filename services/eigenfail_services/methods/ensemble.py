@@ -354,7 +354,7 @@ class Ensemble:
         return one
 
     def _number_policy(self, one: int, proposal: Proposal) -> Proposal:
-        """Return a member's proposal with its policy numbered by round."""
+        """Return a member's proposal whose policy, and all sources of it, have a new version."""
         # A member may send no policy with a round, but each round needs a version of its own.
         policy = proposal.policy or self._policies[one]
         self._policies = (*self._policies[:one], policy, *self._policies[one + 1 :])

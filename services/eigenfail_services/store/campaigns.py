@@ -313,7 +313,13 @@ class CampaignStore(StorePart):
         overhead: Overhead = _NOTHING,
         claim: Job | None = None,
     ) -> None:
-        """Add to the time during which the campaign was running, and to what that went into.
+        """Add to the running time of a campaign, and to its overhead.
+
+        Args:
+            campaign: id of the campaign.
+            seconds: time that it was running. [s]
+            overhead: time of learning and of waiting, and of workers whose results were discarded.
+            claim: the claim that the campaign must still hold, if one is given.
 
         Raises:
             NotFound: no such campaign.

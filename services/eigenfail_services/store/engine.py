@@ -193,7 +193,13 @@ class Database:
         *given: Given.args,
         **options: Given.kwargs,
     ) -> Answer:
-        """Return what a function writes, or finds where another request has written the same."""
+        """Run a function in a writing transaction, and return its answer.
+
+        If another request has written the same key meanwhile, the function runs once more.
+
+        Raises:
+            StoreUnavailable: the database does not answer, or stays locked.
+        """
         try:
             with self.writing() as connection:
                 return make(connection, *given, **options)

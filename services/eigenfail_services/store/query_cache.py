@@ -123,7 +123,10 @@ More = ParamSpec("More")
 
 
 class _CountedCampaign(NamedTuple):
-    """The number of results that a campaign of a store had when it was read."""
+    """A campaign with the number of results that it had when it was read.
+
+    While a page is made, sums use this number and do not ask the database again.
+    """
 
     figures: "FigureStore"
     campaign: int

@@ -102,7 +102,7 @@ class RetentionStore(StorePart):
             campaign: id of the campaign.
             rule: which episodes keep their noise.
             who: the user, in words, for the record.
-            begun: id of the record to continue; None begins one, with an event.
+            begun: id of the `Pruning` to continue; None begins one, with an event.
 
         Returns:
             The record so far; None if nothing (more) is to be deleted, and nothing was changed.

@@ -194,9 +194,9 @@ def test_what_is_picked_is_there_and_not_too_much(store: Store) -> None:
         store.campaigns.create(accept_spec(CampaignSpec(**FIELDS))).id
         for _ in range(sides.MOST + 1)
     ]
-    assert [each.id for each in sides.pick_campaigns([2, 1, 2], store)] == [2, 1]
-    assert len(sides.pick_campaigns(made[: sides.MOST], store)) == sides.MOST
+    assert [each.id for each in sides.read_distinct_campaigns([2, 1, 2], store)] == [2, 1]
+    assert len(sides.read_distinct_campaigns(made[: sides.MOST], store)) == sides.MOST
     with pytest.raises(InvalidValue, match="13 campaigns are named"):
-        sides.pick_campaigns(made, store)
+        sides.read_distinct_campaigns(made, store)
     with pytest.raises(NotFound):
-        sides.pick_campaigns([1, 99], store)
+        sides.read_distinct_campaigns([1, 99], store)

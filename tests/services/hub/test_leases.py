@@ -178,7 +178,7 @@ class LeaseModel(RuleBasedStateMachine):
                 self.given[assignment.worker].add(key)
 
     def adopt(self) -> None:
-        refused = self.leases.adopt(of_ours)
+        refused = self.leases.lease_held_episodes(of_ours)
         for worker, seat in self.leases.sessions.items():
             for key in set(seat.held) - self.given[worker]:
                 assert self.holdings[worker].pop(key)
@@ -320,7 +320,7 @@ def adopted(*holdings: Holding) -> Leases:
 
 def test_what_a_worker_holds_is_left_with_it() -> None:
     leases = adopted(claim(1, 0), Holding(1, 1, FINISHED), claim(1, 77), claim(5, 0))
-    assert leases.adopt(of_ours) == set()
+    assert leases.lease_held_episodes(of_ours) == set()
     assert set(leases.sessions[b"a"].held) == {(1, 0), (1, 1)}
     assert [task.index for a in leases.assign() for task in a.tasks] == [2]
 
@@ -328,7 +328,7 @@ def test_what_a_worker_holds_is_left_with_it() -> None:
 def test_what_is_another_task_is_not() -> None:
     other = EpisodeTask(0, 0, PolicySource(3))
     leases = adopted(Holding(1, 0, fingerprint_task(SETUP, other)), Holding(1, 1, b"nonsense"))
-    assert leases.adopt(of_ours) == {(b"a", 1)}
+    assert leases.lease_held_episodes(of_ours) == {(b"a", 1)}
     assert not leases.sessions[b"a"].held
 
 
@@ -337,10 +337,10 @@ def test_of_two_that_hold_the_same_the_second_has_it_when_the_first_is_gone() ->
     for worker in (b"a", b"b"):
         leases.open_session(worker, hello(worker, holdings=(claim(1, 0),)), 0.0)
     leases.offer(1, tasks(0))
-    leases.adopt(of_ours)
+    leases.lease_held_episodes(of_ours)
     assert set(leases.sessions[b"a"].held) == {(1, 0)}
     leases.end_session(b"a")
-    leases.adopt(of_ours)
+    leases.lease_held_episodes(of_ours)
     assert set(leases.sessions[b"b"].held) == {(1, 0)}
 
 
@@ -349,7 +349,7 @@ def test_what_is_brought_is_claimed_by_nobody_any_more() -> None:
     leases.record_result(1, 0, 0.1)
     leases.record_verdict(1, 0)
     leases.offer(1, tasks(0))  # the store did not want it
-    assert leases.adopt(of_ours) == set()
+    assert leases.lease_held_episodes(of_ours) == set()
     assert not leases.sessions[b"a"].held
 
 
@@ -362,7 +362,7 @@ def test_a_worker_that_comes_by_another_connection_takes_its_episodes_along() ->
     leases.assign()
     leases.record_heartbeat(b"a", (1, 0), {(1, 0)})
     leases.open_session(b"b", msgspec.structs.replace(first, holdings=(claim(1, 0),)), 0.0)
-    leases.adopt(of_ours)
+    leases.lease_held_episodes(of_ours)
     assert {w: set(seat.held) for w, seat in leases.sessions.items()} == {b"b": {(1, 0)}}
     assert leases.list_interrupted() == []
 

@@ -80,7 +80,12 @@ class RetryQueue:
 
 
 class PendingRequest(NamedTuple):
-    """A request that the bridge has not answered: its group, and its slots."""
+    """A request that the bridge has not answered yet.
+
+    Attributes:
+        group: group of episodes that the request is for.
+        slots: slots that it asks for, in order.
+    """
 
     group: SlotGroup
     slots: tuple[int, ...]
@@ -89,9 +94,9 @@ class PendingRequest(NamedTuple):
 class SlotTable:
     """The episodes in the slots of a bridge, in two groups that take turns.
 
-    While the bridge steps one group, this process measures the other. A request covers a whole
-    group, and the next one follows when it has been answered. The result of an episode does not
-    depend on how many run beside it.
+    While the bridge steps one group, this process measures the other. A request covers the new
+    episodes of a group or those under way; the next one follows when it has been answered. The
+    result of an episode does not depend on how many run beside it.
     """
 
     def __init__(self) -> None:

@@ -198,14 +198,21 @@ def _measure_ray(x: float, y: float, ray_rad: float, vehicle: VehicleState) -> f
     )
 
 
-def _measure_slab(start: float, speed: float, half: float) -> float:
-    """Return when a point that moves along an axis enters the range from -half to half."""
-    # The ray runs along the range. It meets the footprint, so that it is within the range
-    # throughout.
-    if speed == 0.0:
+def _measure_slab(start_m: float, cosine: float, half_m: float) -> float:
+    """Return the distance along a ray to where it enters the range from -half_m to half_m. [m]
+
+    It is -inf if the ray is parallel to the range.
+
+    Args:
+        start_m: where the ray begins on the axis of the range.
+        cosine: cosine of the angle between the ray and that axis.
+        half_m: half of the range.
+    """
+    # A parallel ray meets the footprint, so that it is within the range throughout.
+    if cosine == 0.0:
         return -inf
-    edge = -half if speed > 0.0 else half
-    return (edge - start) / speed
+    edge_m = -half_m if cosine > 0.0 else half_m
+    return (edge_m - start_m) / cosine
 
 
 def _is_covered(view: _View, intervals: list[Point]) -> bool:

@@ -79,7 +79,7 @@ class RideMonitor:
 
 
 class FirstViolations(NamedTuple):
-    """Steps of the first violations by one vehicle; None without a violation.
+    """Steps at which thresholds were first passed, by one vehicle or by any; None if never.
 
     Attributes:
         ttc_step: TTC < 1.5 s.

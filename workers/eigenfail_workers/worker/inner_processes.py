@@ -137,7 +137,8 @@ class InnerProcesses:
 
     Args:
         start: starts a process.
-        limits: limits of each process.
+        limits: limits of the active process. An idle one that uses more than its share of the
+            memory, the limit ÷ `MAX_IDLE`, is ended.
 
     Attributes:
         active: the process that takes episodes.

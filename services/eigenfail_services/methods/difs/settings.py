@@ -22,9 +22,11 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         z: trajectories, shape (n, horizon, channels). [sigma]
         unseen: whether no noise was injected in a step, shape (n, horizon).
-        condition: robustness ÷ scale, shape (n,).
+        condition: distance from failure ÷ scale, shape (n,). The distance is the robustness, at
+            least 0, less the offset of the trajectory's component.
         held_out: whether a trajectory only validates the network, shape (n,).
-        elite: whether the mixture is fitted to a trajectory, shape (n,).
+        elite: whether a trajectory is one of the elite, shape (n,). The mixture is fitted to the
+            elite alone, which has half of the weight in the training of the network.
         modes: largest number of components of the mixture.
     """
 

@@ -106,11 +106,10 @@ def comfort(profile: values.Profile, context: values.RuleContext) -> float:
 
 
 def progress(profile: values.Profile, context: values.RuleContext) -> float:
-    """Distance that is lost, up to a constant. [m]
+    """Return the distance that a candidate loses, up to a constant. [m]
 
-    In a lane that ends, all time until a lane change begins counts as lost. A change that would end
-    too late is worse than any other, one without a fitting gap is worse than that, and staying in
-    the lane is worst.
+    In a lane that ends, the time until a lane change begins counts as lost. The loss grows in this
+    order: a change in time, a change that ends too late, a change without a fitting gap, no change.
     """
     end, change = context.traffic.lane_end, profile.change
     if end is None:
