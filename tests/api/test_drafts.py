@@ -101,12 +101,6 @@ def test_an_empty_check_names_what_is_required(http):
     assert set(fields_of(http.post(f"{URL}/check"))) == {"name", "method", "episodes"}
 
 
-@pytest.mark.parametrize("path", ["/check", "/bulk"])
-@pytest.mark.parametrize(("body", "status"), [("{", 400), ("3", 422), ('"x"', 422)])
-def test_bodies_of_another_kind_are_refused(http, problem, path, body, status):
-    problem(http.post(URL + path, content=body), status)
-
-
 def test_a_clone_differs_in_what_was_changed_alone(http, fields, store):
     given = {**fields, "method": "cem", "settings": {"batch": 7, "max_mean": 3.0}}
     first = http.post(URL, json=given).json()["id"]
@@ -136,15 +130,6 @@ def test_clones_are_made_once_for_a_key_and_refused_like_campaigns(http, campaig
     assert problem(http.post(f"{URL}/{campaign}/clone", json={"seed": -1}), 422)["field"] == "seed"
     problem(http.post(f"{URL}/99/clone", json={}), 404)
     assert len(store.campaigns.page(10).items) == 2
-
-
-def test_many_are_created_in_order(http, fields, store):
-    response = http.post(f"{URL}/bulk", json=[{**fields, "seed": seed} for seed in range(3)])
-    assert response.status_code == 201
-    items = response.json()["items"]
-    assert [item["spec"]["seed"] for item in items] == [0, 1, 2]
-    assert [item["id"] for item in items] == sorted(item["id"] for item in items)
-    assert len(store.campaigns.page(10).items) == 3
 
 
 @pytest.mark.parametrize(

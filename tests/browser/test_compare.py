@@ -67,9 +67,3 @@ def test_what_is_chosen_is_changed_with_links_alone(visit, made, several):
     page.get_by_role("link", name=f"Remove {made.difs}: DiFS <b>on</b> cut-in").click()
     expect(page.get_by_text(f"Baseline: {made.baseline}: Monte Carlo")).to_be_visible()
     expect(page.locator("#chosen li")).to_have_count(3)
-
-
-def test_too_many_are_refused_in_words(visit):
-    ids = "&".join(f"campaign={each}" for each in range(1, 14))
-    page = visit(f"/comparison?{ids}", status=422)
-    expect(page.get_by_text("2 to 12 can be compared")).to_be_visible()

@@ -160,15 +160,6 @@ def test_a_proof_is_asked_for_and_followed_to_its_end(launched, store, replayed)
     expect(page.locator("h1")).to_have_text("Episode 0")
 
 
-def test_settings_that_do_not_go_together_are_refused_in_words(live, made):
-    page = live(f"/campaigns/{made.ast}")
-    page.get_by_label("Clustering").select_option("hdbscan")
-    page.get_by_label("Modes", exact=True).fill("3")
-    page.get_by_role("button", name="Analyse").click()
-    expect(page.get_by_role("alert")).to_contain_text("hdbscan")
-    expect(page.locator("h1")).to_have_text("AST on cut-in")
-
-
 def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, made, monkeypatch):
     # What is known already comes with the page.
     monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: False)

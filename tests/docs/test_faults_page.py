@@ -57,30 +57,16 @@ def test_the_claim_counts_the_kinds_that_tests_inject(root):
     assert {fault.group for fault in faults} == {*GROUPS}
 
 
-def test_every_test_of_the_tables_is_one_that_pytest_would_run(root):
-    for fault in read_faults():
-        assert fault.tests
-        for test in fault.tests:
-            path, name = test.split("::")
-            assert re.search(rf"^(async )?def {name}\(", (root / path).read_text(), re.MULTILINE)
-
-
 COMPLETE = '@pytest.mark.fault("a", group="time", outcome="It ends.")'
 MISTAKES = {
     f"{COMPLETE}\nclass TestIt:\n    def test_it(self): ...": "must be a decorator",
-    f"class TestIt:\n    {COMPLETE}\n    def test_it(self): ...": "must be a decorator of a test",
     f"pytestmark = {COMPLETE[1:]}": "must be a decorator of a test function",
-    f"it = pytest.param(1, marks={COMPLETE[1:]})": "must be a decorator of a test function",
-    "fault = pytest.mark.fault": "must be a decorator of a test function",
     "from pytest import mark\nfault = mark.fault": "must be a decorator of a test function",
     f"{COMPLETE}\ndef helper(): ...": "must be a decorator of a test function",
     "@pytest.mark.fault\ndef test_it(): ...": "must be a decorator of a test function",
-    "@pytest.mark.fault(KIND)\ndef test_it(): ...": "must be literal strings",
     "@pytest.mark.fault(*KINDS)\ndef test_it(): ...": "must be literal strings",
-    '@pytest.mark.fault("a", **more)\ndef test_it(): ...': "must be literal strings",
     '@pytest.mark.fault("a", group="time", outcome=f"{it}")\ndef test_it(): ...': "literal strings",
     "@pytest.mark.fault()\ndef test_it(): ...": "has a kind, and either",
-    '@pytest.mark.fault("a", outcome="It ends.")\ndef test_it(): ...': "has a kind, and either",
     '@pytest.mark.fault("a", group="time")\ndef test_it(): ...': "has a kind, and either",
     COMPLETE.replace('"time"', '"times"') + "\ndef test_it(): ...": "'times' is none of processes",
     COMPLETE.replace('"a"', '"a."') + "\ndef test_it(): ...": "without a full stop",

@@ -16,14 +16,11 @@ from eigenfail.values.analysis import (
     AnalysisSettings,
     Behaviour,
     Diversity,
-    InfluenceShare,
     ModeBehaviour,
-    Moment,
     Stability,
     TrainingInterval,
 )
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_api.dashboard.analysis_charts import (
     MOST_STEPS,
@@ -32,8 +29,6 @@ from eigenfail_api.dashboard.analysis_charts import (
     make_training_charts,
 )
 from eigenfail_api.dashboard.analysis_page import (
-    describe_settings,
-    list_tables,
     make_finding_tiles,
 )
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
@@ -162,20 +157,6 @@ def test_charts_call_groups_what_cards_call_groups(found):
             assert other not in words
 
 
-def test_moments_are_told_in_seconds_or_in_steps(found):
-    moments = (Moment("lateral", 3, 0.8, 0.25), Moment("longitudinal", 1, None, 0.125))
-    (grid,) = list_tables(replace(found, moments=moments))
-    assert grid.rows[0] == ("Lateral", "0.800 s before the collision", 0.25)
-    assert grid.rows[1] == ("Longitudinal", "at step 1", 0.125)
-
-
-def test_the_share_of_the_last_seconds_stands_beside_that_of_the_time(found):
-    share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
-    (grid,) = list_tables(replace(found, before_collision=(share,)))
-    (cells,) = grid.cells
-    assert [cell.line for cell in cells] == ["Last 2 s", "25.0 %", "50.0 %", "–", "50.0 %"]
-
-
 def test_a_snapshot_says_so(found, check_finding):
     source = AnalysedCampaign(campaign=1, episodes=7, failures=2, running=True)
     notes = ("A snapshot: more episodes were to come in campaign 1.",)
@@ -251,16 +232,6 @@ def test_long_episodes_are_thinned_for_the_screen(found):
 
 def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):
     assert make_training_charts(found) == ()
-
-
-def test_what_was_asked_for_in_words():
-    settings = AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3))
-    assert ", ".join(describe_settings(settings, AXES)) == (
-        "aligned at collision, the lateral axis alone, 3 components, K-means, modes: auto, "
-        "bootstrap 20, failures: latest, eigenfailures: median, features: behaviour, "
-        "with campaigns 2, 3"
-    )
-    assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0), AXES))
 
 
 def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaign, store):

@@ -50,10 +50,6 @@ def test_filters_stay_from_page_to_page(http, make, names):
     assert names(older.replace("&amp;", "&")) == ids[:1]
 
 
-def test_a_state_that_does_not_exist_is_refused(http):
-    assert http.get("/?state=flying", headers=HTML).status_code == 422
-
-
 def test_a_method_costs_what_all_of_its_campaigns_cost(store, make, deliver, result, look):
     for seed in (1, 2):
         campaign = make(seed=seed)
