@@ -54,20 +54,6 @@ def test_a_budget_that_its_method_cannot_begin_with_is_refused(http, fields, pro
     assert store.campaigns.page(10).items == ()
 
 
-def test_pages_are_newest_first_and_without_gaps(http, fields):
-    ids = [http.post(URL, json=fields).json()["id"] for _ in range(5)]
-    seen, before = [], None
-    while True:
-        params = {"limit": 2} | ({"before": before} if before else {})
-        page = http.get(URL, params=params).json()
-        assert len(page["items"]) <= 2
-        seen += [item["id"] for item in page["items"]]
-        before = page["next"]
-        if before is None:
-            break
-    assert seen == ids[::-1]
-
-
 @pytest.mark.fault(
     "pause, resume or cancel that comes twice, too early or too late",
     group="api",
@@ -228,12 +214,6 @@ def test_no_campaign_can_be_steered_against_its_state(http, problem, finished):
     http.post(f"{campaign}/cancel")
     told = problem(http.post(f"{campaign}/pause"), 409)
     assert told["remedy"] == "Only one that is queued or running can."
-
-
-def test_an_empty_bulk_request_is_refused(http, problem):
-    assert problem(http.post("/api/v1/campaigns/bulk", json=[]), 422)["remedy"] == (
-        "Name at least one."
-    )
 
 
 def test_a_priority_is_asked_for_and_changed(http, fields, store, problem):

@@ -132,6 +132,15 @@ def test_clones_are_made_once_for_a_key_and_refused_like_campaigns(http, campaig
     assert len(store.campaigns.page(10).items) == 2
 
 
+def test_many_are_created_in_order(http, fields, store):
+    response = http.post(f"{URL}/bulk", json=[{**fields, "seed": seed} for seed in range(3)])
+    assert response.status_code == 201
+    items = response.json()["items"]
+    assert [item["spec"]["seed"] for item in items] == [0, 1, 2]
+    assert [item["id"] for item in items] == sorted(item["id"] for item in items)
+    assert len(store.campaigns.page(10).items) == 3
+
+
 @pytest.mark.parametrize(
     ("wrong", "field"),
     [

@@ -42,13 +42,6 @@ def test_cancelling_asks_first_and_shows_the_end(live, store, queue):
     assert store.campaigns.get(campaign).state == "cancelled"
 
 
-def test_pausing_and_resuming(live, queue):
-    page = live(f"/campaigns/{queue('to rest')}")
-    page.get_by_role("button", name="Pause").click()
-    page.get_by_role("button", name="Resume").click()
-    expect(page.locator("#live .badge").first).to_contain_text("queued")
-
-
 def test_a_priority_is_changed_and_shown(live, store, queue):
     campaign = queue("in a hurry")
     page = live(f"/campaigns/{campaign}")

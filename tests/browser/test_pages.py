@@ -127,16 +127,6 @@ def test_a_chart_leads_to_its_episode(visit, made, path, chart):
     assert page.url.endswith(f"/{episode}")
 
 
-def test_what_the_time_went_into_is_read_without_colour(visit, made):
-    page = visit(f"/campaigns/{made.ast}")
-    bars = page.locator(".split progress")
-    expect(bars).to_have_count(5)
-    shares = [float(bar.get_attribute("value")) for bar in bars.all()]
-    assert sum(shares) == pytest.approx(100.0, abs=0.1)
-    simulation = page.get_by_role("progressbar", name="Simulation, share of the time")
-    expect(simulation).to_be_visible()
-
-
 def test_measures_are_made_once_for_a_page_of_their_own(visit, made):
     page, asked = visit(f"/campaigns/{made.ast}/measures"), []
     page.on("request", lambda request: asked.append(request.url.rsplit("/", 1)[-1]))

@@ -19,6 +19,11 @@ def page(root):
     return (root / "docs" / "faults.md").read_text()
 
 
+@pytest.fixture(scope="module")
+def faults():
+    return read_faults()
+
+
 def test_every_test_that_it_names_is_there(page, root):
     named = set(re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", page))
     assert len(named) > 40
@@ -45,13 +50,12 @@ def test_every_file_that_it_names_is_there(page, root):
     assert [path for path in named if not (root / path).is_file()] == []
 
 
-def test_the_tables_of_faults_are_those_of_the_marks(page):
-    assert render_page(page, read_faults()) == page, UPDATE
+def test_the_tables_of_faults_are_those_of_the_marks(page, faults):
+    assert render_page(page, faults) == page, UPDATE
 
 
-def test_the_claim_counts_the_kinds_that_tests_inject(root):
+def test_the_claim_counts_the_kinds_that_tests_inject(root, faults):
     claims = msgspec.json.decode((root / "benchmarks" / "results" / "claims.json").read_bytes())
-    faults = read_faults()
     assert len({fault.kind for fault in faults}) >= LEAST_KINDS
     assert claims["faults.kinds"]["value"] == len(faults), UPDATE
     assert {fault.group for fault in faults} == {*GROUPS}
@@ -103,8 +107,7 @@ def test_the_tests_of_a_kind_stand_in_its_row_wherever_the_outcome_is_given(tmp_
     assert fault == ("a", "time", "It ends.", ("test_a.py::test_it", "test_b.py::test_it"))
 
 
-def test_a_page_needs_markers_forty_kinds_and_every_kind_of_the_soak(page):
-    faults = read_faults()
+def test_a_page_needs_markers_forty_kinds_and_every_kind_of_the_soak(page, faults):
     with pytest.raises(MarkError, match="has no '<!-- faults: api -->'"):
         render_page(page.replace("<!-- faults: api -->", ""), faults)
     with pytest.raises(MarkError, match="mark 39 kinds of faults, 40 at least"):

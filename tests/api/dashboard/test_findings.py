@@ -35,8 +35,6 @@ from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 
 OF_MODES, SEEN = ("Effective modes", "Largest mode"), "All modes seen after"
 
-HTML = {"Accept": "text/html"}
-
 
 @pytest.fixture
 def found(store, finished):
@@ -238,7 +236,7 @@ def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaig
     settings = AnalysisSettings(axes="lateral", clusterer="hdbscan", bootstrap=7, campaigns=(8,))
     again = store.analyses.create(campaign, settings).id
     for address in (f"/campaigns/{campaign}", f"/analyses/{again}"):
-        html = http.get(address, headers=HTML).text
+        html = http.get(address).text
         names = re.findall(r' name="(\w+)"', html.partition('action="/api/v1/campaigns/1/ana')[2])
         assert set(names) == {field.name for field in msgspec.structs.fields(AnalysisSettings)}
     assert '<option value="hdbscan" selected>' in html
@@ -257,10 +255,10 @@ def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, cou
     assert found is not None, store.analyses.get(analysis).problem
     assert found.channels == channels
     pages = {
-        address: http.get(address, headers=HTML).text
+        address: http.get(address).text
         for address in (f"/analyses/{analysis}", f"/campaigns/{campaign}")
     }
-    episode = http.get(f"/campaigns/{campaign}/episodes/0", headers=HTML).text
+    episode = http.get(f"/campaigns/{campaign}/episodes/0").text
     for html in pages.values():
         assert '<option value="start"' in html
         assert '<option value="collision"' not in html
