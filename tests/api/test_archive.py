@@ -3,7 +3,6 @@
 import pytest
 
 URL = "/api/v1/campaigns"
-HTML = {"Accept": "text/html"}
 
 
 @pytest.fixture
@@ -33,18 +32,18 @@ def test_what_has_not_ended_is_not_archived(http, problem, archived):
 
 def test_pages_say_that_a_campaign_is_archived(http, archived):
     first, second = archived
-    page = http.get("/", headers=HTML).text
+    page = http.get("/").text
     assert f'id="campaign-{second}"' in page
     assert f'id="campaign-{first}"' not in page
     assert 'href="/?archived=true">Show archived campaigns</a>' in page
-    every = http.get("/?archived=true&sort=name", headers=HTML).text
+    every = http.get("/?archived=true&sort=name").text
     assert f'id="campaign-{first}"' in every
     assert '<span class="note">archived</span>' in every
     assert 'href="/?sort=name">Hide archived campaigns</a>' in every
     assert "archived=true" in every.split("<thead")[1].split("</thead>")[0]
-    one = http.get(f"/campaigns/{first}", headers=HTML).text
+    one = http.get(f"/campaigns/{first}").text
     assert "This campaign is archived" in one
     assert f'action="{URL}/{first}/restore"' in one
-    assert "archive" not in http.get(f"/campaigns/{second}", headers=HTML).text
+    assert "archive" not in http.get(f"/campaigns/{second}").text
     http.post(f"{URL}/{first}/restore")
-    assert "archived campaigns" not in http.get("/", headers=HTML).text
+    assert "archived campaigns" not in http.get("/").text

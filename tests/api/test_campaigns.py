@@ -40,11 +40,6 @@ def test_one_key_for_two_campaigns_is_a_conflict(http, fields, problem):
     assert told["type"] == "urn:eigenfail:idempotency-mismatch"
 
 
-def test_without_a_key_every_request_makes_one(http, fields):
-    ids = {http.post(URL, json=fields).json()["id"] for _ in range(3)}
-    assert len(ids) == 3
-
-
 @pytest.mark.parametrize("key", ["", "k" * 201])
 def test_keys_have_a_length(http, fields, problem, key):
     told = problem(http.post(URL, json=fields, headers={"Idempotency-Key": key}), 422)
@@ -57,29 +52,6 @@ def test_a_budget_that_its_method_cannot_begin_with_is_refused(http, fields, pro
     assert "100 are fewer than 20 samples on each of 7 levels in 2 runs" in told["detail"]
     assert told["remedy"].startswith("Give more episodes")
     assert store.campaigns.page(10).items == ()
-
-
-def test_pages_are_newest_first_and_without_gaps(http, fields):
-    ids = [http.post(URL, json=fields).json()["id"] for _ in range(5)]
-    seen, before = [], None
-    while True:
-        params = {"limit": 2} | ({"before": before} if before else {})
-        page = http.get(URL, params=params).json()
-        assert len(page["items"]) <= 2
-        seen += [item["id"] for item in page["items"]]
-        before = page["next"]
-        if before is None:
-            break
-    assert seen == ids[::-1]
-
-
-def test_a_list_may_be_of_one_state(http, fields, store):
-    first, second = (http.post(URL, json=fields).json()["id"] for _ in range(2))
-    store.campaigns.move(first, CampaignState.RUNNING)
-    running = http.get(URL, params={"state": "running"}).json()["items"]
-    assert [item["id"] for item in running] == [first]
-    queued = http.get(URL, params={"state": "queued"}).json()["items"]
-    assert [item["id"] for item in queued] == [second]
 
 
 @pytest.mark.fault(
@@ -244,12 +216,6 @@ def test_no_campaign_can_be_steered_against_its_state(http, problem, finished):
     assert told["remedy"] == "Only one that is queued or running can."
 
 
-def test_an_empty_bulk_request_is_refused(http, problem):
-    assert problem(http.post("/api/v1/campaigns/bulk", json=[]), 422)["remedy"] == (
-        "Name at least one."
-    )
-
-
 def test_a_priority_is_asked_for_and_changed(http, fields, store, problem):
     made = http.post(URL, json={**fields, "priority": "low"}).json()
     assert made["spec"]["priority"] == "low"
@@ -265,15 +231,6 @@ def test_a_priority_is_asked_for_and_changed(http, fields, store, problem):
 
 
 LABELS = {"project": "lane keeping", "tags": ["nightly"], "planner_version": "v1.2"}
-
-
-def test_campaigns_are_found_by_project_tag_and_version(http, fields):
-    http.post(URL, json=fields)
-    labelled = http.post(URL, json={**fields, **LABELS}).json()
-    assert {name: labelled["spec"][name] for name in LABELS} == LABELS
-    for asked in ("project=lane keeping", "tag=nightly", "planner_version=v1.2"):
-        assert [each["id"] for each in http.get(f"{URL}?{asked}").json()["items"]] == [2], asked
-    assert http.get(f"{URL}?tag=nightly&project=other").json()["items"] == []
 
 
 @pytest.mark.parametrize(

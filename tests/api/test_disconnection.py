@@ -3,13 +3,12 @@
 import socket
 from collections.abc import Iterator
 from contextlib import closing
-from threading import Thread
 
 import deadlines
 import pytest
+from served import serve
 from started import wait_until
 
-from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 
@@ -24,13 +23,8 @@ CHUNKED = (
 
 @pytest.fixture
 def port(store) -> Iterator[int]:
-    server = Server(create_app(store, ApiSettings(port=0)))
-    with listen("127.0.0.1", 0) as listener:
-        thread = Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        yield listener.getsockname()[1]
-        server.should_exit = True
-        thread.join()
+    with serve(create_app(store, ApiSettings(port=0))) as found:
+        yield found
 
 
 def connect(port: int, said: bytes) -> socket.socket:

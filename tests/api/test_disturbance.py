@@ -43,16 +43,6 @@ def test_a_campaign_keeps_its_model(http, correlated, store):
     }
 
 
-def test_the_document_tells_the_kinds_apart(http):
-    schemas = http.get("/openapi.json").json()["components"]["schemas"]
-    shape = schemas["DisturbanceModel"]["properties"]["shape"]
-    assert shape["discriminator"]["propertyName"] == "kind"
-    assert set(shape["discriminator"]["mapping"]) == {"white", "ar1", "student_t"}
-    bounds = schemas["Correlated"]["properties"]["lateral_correlation"]
-    assert (bounds["minimum"], bounds["exclusiveMaximum"]) == (0.0, 1.0)
-    assert schemas["HeavyTailed"]["properties"]["degrees_of_freedom"]["exclusiveMinimum"] == 2.0
-
-
 def test_noise_is_told_with_its_shape(http, correlated, deliver, noisy):
     deliver(correlated, noisy)
     told = http.get(f"{URL}/{correlated}/episodes/1").json()["noise"]

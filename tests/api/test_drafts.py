@@ -101,12 +101,6 @@ def test_an_empty_check_names_what_is_required(http):
     assert set(fields_of(http.post(f"{URL}/check"))) == {"name", "method", "episodes"}
 
 
-@pytest.mark.parametrize("path", ["/check", "/bulk"])
-@pytest.mark.parametrize(("body", "status"), [("{", 400), ("3", 422), ('"x"', 422)])
-def test_bodies_of_another_kind_are_refused(http, problem, path, body, status):
-    problem(http.post(URL + path, content=body), status)
-
-
 def test_a_clone_differs_in_what_was_changed_alone(http, fields, store):
     given = {**fields, "method": "cem", "settings": {"batch": 7, "max_mean": 3.0}}
     first = http.post(URL, json=given).json()["id"]

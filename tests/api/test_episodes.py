@@ -19,32 +19,9 @@ def filled(campaign, deliver, result, failed):
     return campaign
 
 
-def test_pages_follow_the_index(http, filled):
-    first = http.get(f"{URL}/{filled}/episodes", params={"limit": 5}).json()
-    rest = http.get(f"{URL}/{filled}/episodes", params={"after": first["next"]}).json()
-    indices = [row["index"] for row in first["items"] + rest["items"]]
-    assert indices == list(range(8))
-    assert rest["next"] is None
-
-
 def test_the_cursor_of_index_0_is_a_cursor(http, filled):
     rest = http.get(f"{URL}/{filled}/episodes", params={"after": 0}).json()
     assert [row["index"] for row in rest["items"]] == list(range(1, 8))
-
-
-@pytest.mark.parametrize(
-    ("outcome", "indices"), [("safe", [0, 1, 2, 3, 4]), ("collision", [5, 6]), ("failed", [7])]
-)
-def test_a_list_may_be_of_one_outcome(http, filled, outcome, indices):
-    rows = http.get(f"{URL}/{filled}/episodes", params={"outcome": outcome}).json()["items"]
-    assert [row["index"] for row in rows] == indices
-    assert {row["outcome"] for row in rows} == {outcome}
-
-
-def test_an_unknown_outcome_is_refused_with_the_known_ones(http, filled, problem):
-    told = problem(http.get(f"{URL}/{filled}/episodes", params={"outcome": "crash"}), 422)
-    assert told["field"] == "outcome"
-    assert "collision" in told["detail"]
 
 
 def test_an_episode_carries_noise_and_scene_to_the_last_bit(http, filled, result):
@@ -80,12 +57,6 @@ def test_the_worst_come_first(http, campaign, deliver, result):
     assert rest["next"] is None
 
 
-def test_an_unknown_order_is_refused_with_the_known_ones(http, campaign, problem):
-    told = problem(http.get(f"{URL}/{campaign}/episodes", params={"sort": "worst"}), 422)
-    assert told["field"] == "sort"
-    assert "severity" in told["known"]
-
-
 CRASH = Measures(
     0.0,
     severity=25.0,
@@ -116,22 +87,6 @@ def test_a_filter_and_an_outcome_hold_together(http, filled):
     assert [row["index"] for row in rows] == [6]
 
 
-def test_a_filter_that_cannot_be_read_is_refused_with_the_place(http, filled, problem):
-    told = problem(http.get(f"{URL}/{filled}/episodes", params={"filter": "sevrity > 8"}), 422)
-    assert told["field"] == "filter, character 1"
-    assert "Did you mean 'severity'?" in told["remedy"]
-
-
-def test_fields_leave_the_rest_away(http, filled):
-    asked = {"fields": "index,class,severity", "filter": "index >= 5"}
-    rows = http.get(f"{URL}/{filled}/episodes", params=asked).json()["items"]
-    assert rows == [
-        {"index": 5, "class": None, "severity": 25.0},
-        {"index": 6, "class": None, "severity": 25.0},
-        {"index": 7, "class": None, "severity": None},
-    ]
-
-
 def test_a_total_counts_what_matches_on_all_pages_where_it_is_asked_for(http, filled):
     asked = {"filter": "index >= 5", "limit": 1}
     without = http.get(f"{URL}/{filled}/episodes", params=asked).json()
@@ -143,12 +98,6 @@ def test_a_total_counts_what_matches_on_all_pages_where_it_is_asked_for(http, fi
         assert (len(page["items"]), page["total"]) == (1, 3)
     every = http.get(f"{URL}/{filled}/episodes", params={"total": "true"}).json()
     assert every["total"] == len(every["items"])
-
-
-def test_unknown_fields_are_refused(http, filled, problem):
-    told = problem(http.get(f"{URL}/{filled}/episodes", params={"fields": "index,sevrity"}), 422)
-    assert told["field"] == "fields"
-    assert "severity" in told["known"]
 
 
 def test_an_index_is_not_a_file(http, filled, problem):

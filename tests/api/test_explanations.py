@@ -13,8 +13,8 @@ from accepted import accept_spec
 from store_checks.examples import deliver as store_results
 from store_checks.examples import name_channels, result_of, running
 
-from eigenfail import plugins, processes
-from eigenfail.errors import ServiceBusy, ServiceError
+from eigenfail import plugins
+from eigenfail.errors import ServiceBusy
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import (
@@ -98,16 +98,6 @@ def test_the_last_explanations_are_kept(store, campaign, deliver, result):
     first, second = made.of(store, campaign, 0), made.of(store, campaign, 1)
     assert made.of(store, campaign, 0) is first is not second
     assert len(asked) == 2
-
-
-def test_a_process_that_crashes_is_a_problem_with_a_remedy():
-    with pytest.raises(ServiceError, match="exited with code"):
-        processes.ask("eigenfail.no_such_module", b"", 30.0)
-
-
-def test_a_process_that_never_ends_is_given_up():
-    with pytest.raises(ServiceError, match=r"no answer within 0\.5 s"):
-        processes.ask("http.server", b"", 0.5)
 
 
 def test_too_many_that_wait_are_refused():

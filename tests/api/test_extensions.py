@@ -6,9 +6,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from distributions import write_record
+from plugin_absence import forget_entry_points
 from starlette.testclient import TestClient
 
-from eigenfail import plugins
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard import rendering
@@ -126,13 +127,8 @@ def bring(tmp_path, monkeypatch):
         (package / "__init__.py").write_text("")
         (package / "routes.py").write_text(text)
         (package / "templates" / template[0]).write_text(template[1])
-        record = package.parent / f"{name}-1.0.dist-info"
-        record.mkdir()
-        (record / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1\n"
-        )
         points = f"[eigenfail.routes]\n{name.removeprefix('eigenfail_')} = {name}.routes:extension"
-        (record / "entry_points.txt").write_text(f"{points}\n")
+        write_record(package.parent, distribution, f"{points}\n")
         monkeypatch.syspath_prepend(package.parent)
         return package
 
@@ -144,8 +140,7 @@ def forget():
     """Has entry points and templates read anew, before and after."""
 
     def clear():
-        plugins.list_entry_points.cache_clear()
-        plugins.load.cache_clear()
+        forget_entry_points()
         rendering.TEMPLATES.cache.clear()
         for name in ("eigenfail_sheep", "eigenfail_goats", "eigenfail_tally"):
             rendering.FOREIGN_TEMPLATES.pop(name, None)

@@ -35,12 +35,6 @@ def test_failures_are_filtered(http, places):
     assert read(http, project="y") == []
 
 
-def test_archived_campaigns_are_left_out_unless_asked_for(http, store, places):
-    store.campaigns.archive(1)
-    assert read(http) == [each for each in places if each[1] != 1]
-    assert read(http, archived="true") == places
-
-
 @pytest.mark.parametrize(
     ("params", "field"),
     [

@@ -66,7 +66,9 @@ def test_our_own_pages_can_send(http, fields):
     assert http.post("/api/v1/campaigns", json=fields, headers=origin).status_code == 201
 
 
-@pytest.mark.parametrize("path", ["/healthz", "/nope", "/api/v1/campaigns", "/metrics"])
+@pytest.mark.parametrize(
+    "path", ["/", "/static/js/main.js", "/healthz", "/nope", "/api/v1/campaigns", "/metrics"]
+)
 def test_every_response_carries_the_security_headers(http, path):
     response = http.get(path)
     assert HEADERS.items() <= dict(response.headers).items()

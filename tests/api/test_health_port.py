@@ -12,9 +12,10 @@ from threading import Event, Thread
 
 import deadlines
 import pytest
+from served import serve
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail_api.__main__ import Server, listen, read_settings
+from eigenfail_api.__main__ import listen, read_settings
 from eigenfail_api.app import create_app
 from eigenfail_api.routes import operations
 from eigenfail_api.settings import ApiSettings
@@ -31,13 +32,8 @@ def app(store):
 @pytest.fixture
 def ports(app):
     """Ports of the API and of its health checks."""
-    with listen("127.0.0.1", 0) as health, listen("127.0.0.1", 0) as listener:
-        server = Server(app, health)
-        thread = Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        yield listener.getsockname()[1], health.getsockname()[1]
-        server.handle_exit(15, None)
-        thread.join()
+    with listen("127.0.0.1", 0) as health, serve(app, health) as port:
+        yield port, health.getsockname()[1]
 
 
 def ask(port, path, method="GET"):

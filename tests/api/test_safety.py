@@ -27,7 +27,3 @@ def test_the_safety_of_a_campaign(http, driven, read):
 @pytest.mark.parametrize("level", ["0", "1", "x", "-1", "nan"])
 def test_levels_are_shares(http, driven, problem, level):
     assert problem(http.get(f"{URL}/{driven}/safety?level={level}"), 422)["field"] == "level"
-
-
-def test_of_a_campaign_that_is_not_there(http, problem):
-    problem(http.get(f"{URL}/99/safety"), 404)

@@ -2,8 +2,6 @@
 
 import pytest
 
-from eigenfail.values.episode import Outcome
-
 
 @pytest.fixture
 def make(http, fields):
@@ -55,36 +53,9 @@ def test_a_suite_that_there_is_not_is_a_problem(http, make, problem, name):
         assert "eigenfail suite list" in told["remedy"]
 
 
-@pytest.fixture
-def two_seeds(http, fields, deliver, result):
-    for seed, crashes in ((1, 1), (2, 3)):
-        named = {"name": f"a: seed={seed}", "seed": seed}
-        http.post("/api/v1/campaigns", json={**fields, **named})
-        outcomes = [Outcome.COLLISION] * crashes + [Outcome.SAFE] * (4 - crashes)
-        deliver(seed, *(result(n, outcome) for n, outcome in enumerate(outcomes)))
-
-
-def test_members_that_differ_by_seed_have_a_mean(http, two_seeds):
-    (spread,) = http.get("/api/v1/suites/a").json()["over_seeds"]
-    assert (spread["seeds"], spread["completed"], spread["failures"]) == ([1, 2], 8, 4)
-    assert spread["share"]["mean"] == 0.5
-    assert spread["share"]["interval"] == {"low": 0.0, "high": 1.0}
-    assert spread["first"]["median"] == 1.0
-
-
-def test_campaigns_that_are_named_have_the_same_value_as_their_suite(http, two_seeds):
-    found = http.get("/api/v1/seeds?campaigns=1,2").json()["items"]
-    assert found == http.get("/api/v1/suites/a").json()["over_seeds"]
-    assert http.get("/api/v1/seeds?campaigns=1").json()["items"] == []
-
-
 @pytest.mark.parametrize("ids", ["", "0", "1,", "a", f"1{',1' * 10_000}"])
 def test_ids_that_are_none_are_refused(http, problem, ids):
     problem(http.get(f"/api/v1/seeds?campaigns={ids}"), 422)
-
-
-def test_a_campaign_that_there_is_not_is_a_problem(http, problem, two_seeds):
-    problem(http.get("/api/v1/seeds?campaigns=1,99"), 404)
 
 
 def test_an_id_beyond_all_integers_is_no_campaign(http, problem):

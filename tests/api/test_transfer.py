@@ -84,20 +84,6 @@ def test_json_is_written_for_whoever_takes_it(http, accept):
     assert http.get("/api/v1/events/list", headers={"Accept": accept}).status_code == 200
 
 
-def test_every_answer_that_made_something_tells_where(http, fields, finished, campaign):
-    analysis = finished()
-    made = (
-        http.post(CAMPAIGNS, json=fields),
-        http.post(f"{CAMPAIGNS}/{campaign}/clone", json={"seed": 4}),
-        http.post(f"{CAMPAIGNS}/{campaign}/analyses", json={}),
-        http.get(f"/api/v1/analyses/{analysis}"),
-    )
-    for response in made[:-1]:
-        assert response.status_code == 201, response.text
-        there = http.get(response.headers["Location"])
-        assert there.json()["id"] == response.json()["id"]
-
-
 def test_a_proof_tells_where_it_can_be_read(http, deliver, campaign, result, finished):
     analysis = finished()
     response = http.post(f"/api/v1/analyses/{analysis}/proof", json={})

@@ -1,7 +1,6 @@
 """Walks of known probability, and which methods are judged by how often their intervals hold."""
 
 from math import sqrt
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +8,6 @@ from benchmarks.truth.course_problems import COURSE_PROBLEMS, find_exit
 from benchmarks.truth.intervals import FEWEST_JUDGED, LEAST_HELD, PLANS, judge
 
 from eigenfail import plugins
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_probabilities_of_walks_are_those_of_plain_draws():

@@ -1,7 +1,5 @@
 """Searches on the drive and behind SUMO: equal budgets, causes, and what is compared."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from benchmarks.figures import Figure
@@ -12,7 +10,6 @@ from benchmarks.peers.driven_searches import DRIVEN, DrivenRun, count_causes, de
 from benchmarks.peers.simple_searches import FUNCTIONS, PLACES, SEARCHES, list_searches
 from benchmarks.searches import Crash
 
-ROOT = Path(__file__).parents[2]
 CALLS = 3
 
 

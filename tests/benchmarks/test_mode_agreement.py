@@ -1,7 +1,5 @@
 """The agreement of modes with known causes: on failures whose causes show, and on mixed-up ones."""
 
-from pathlib import Path
-
 import numpy as np
 from benchmarks.truth.mode_agreement import (
     LabelledFailure,
@@ -12,7 +10,6 @@ from benchmarks.truth.mode_agreement import (
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.records import FailureCourse
 
-ROOT = Path(__file__).parents[2]
 STEPS, STEP_S, FAILURES = 60, 0.1, 60
 
 

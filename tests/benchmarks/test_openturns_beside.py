@@ -1,15 +1,12 @@
 """The comparison with OpenTURNS, as far as it needs no OpenTURNS."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmarks.peers import openturns_beside
 from benchmarks.peers.openturns_beside import NO_ESTIMATE, Comparison, Runs, format_row, run_subset
 from benchmarks.truth.known_problems import half_space
-
-ROOT = Path(__file__).parents[2]
 
 
 def of_ratios(ratios):

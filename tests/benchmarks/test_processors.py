@@ -1,13 +1,9 @@
 """Emulated types of processors: the same episodes and modes, bit for bit."""
 
-from pathlib import Path
-
 import pytest
 from benchmarks.truth.processors import SMALL, run_on
 
 from eigenfail.processes import COMMON_PROCESSOR, NUMERIC_ENVIRONMENT, ONE_THREAD, find_processor
-
-ROOT = Path(__file__).parents[2]
 
 OLD = {"OPENBLAS_CORETYPE": "Sandybridge", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"}
 NEW = {"OPENBLAS_CORETYPE": "Haswell"}

@@ -1,6 +1,5 @@
 """The model of scale gives what can be worked out by hand, and never more than its bounds."""
 
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -10,7 +9,6 @@ from benchmarks.speed.scale_simulation import Play
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-ROOT = Path(__file__).parents[2]
 MANY = 400
 """Rounds of a simulation whose end does not count."""
 

@@ -1,15 +1,11 @@
 """What is counted when searches are compared: regions of functions, distances of failures."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from benchmarks.peers.simple_searches import FUNCTIONS, count_regions, find_distance
 from benchmarks.searches import Crash, Found
 
 from eigenfail.values.campaign_spec import CampaignSpec
-
-ROOT = Path(__file__).parents[2]
 
 
 def found(noise):

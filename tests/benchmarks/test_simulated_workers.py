@@ -1,11 +1,8 @@
 """The made-up workers of the benchmarks speak with a real hub as real ones do."""
 
-from pathlib import Path
-
 import pytest
 from benchmarks.speed.hub import playing, present, run_simulated_workers, wait_until
 
-ROOT = Path(__file__).parents[2]
 EPISODES, WORKERS = 120, 5
 
 

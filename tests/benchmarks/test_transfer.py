@@ -1,15 +1,11 @@
 """The transfer of a policy: where it is trained, and which draws of the judged range count."""
 
-from pathlib import Path
-
 import pytest
 from benchmarks.claims import SEED
 from benchmarks.truth.transfer import JUDGED, is_reachable, list_seeds, name_seeds, read_example
 
 from eigenfail.values.variation import read_distribution
 from eigenfail_workers.scenarios.cut_in import CutInParameters
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_training_covers_the_judged_range_and_the_default_gap():

@@ -1,7 +1,5 @@
 """The trials of benchmarks/claims.py ask the planners and scenarios what their names say."""
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
@@ -16,8 +14,6 @@ from benchmarks.truth.varied import parameter, setting
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_a_setting_is_changed_where_its_path_leads():

@@ -2,8 +2,6 @@
 
 import contextlib
 import shutil
-import threading
-import time
 from types import SimpleNamespace
 
 import deadlines
@@ -12,6 +10,7 @@ import pytest
 from accepted import accept_spec
 from msgspec.structs import replace
 from playwright.sync_api import expect, sync_playwright
+from served import serve
 from store_checks.gates import make_report
 
 from eigenfail import plugins
@@ -32,7 +31,6 @@ from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail.values.scene import Scene
-from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
@@ -265,18 +263,8 @@ def real_results():
 @contextlib.contextmanager
 def serving(store):
     """A real server on a free port of this machine."""
-    listener = listen("127.0.0.1", 0)
-    server = Server(create_app(store, ApiSettings(port=0, poll_s=0.05)))
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    try:
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
-    finally:
-        server.handle_exit(0, None)
-        thread.join(timeout=deadlines.PROCESS_S)
-        assert not thread.is_alive()
+    with serve(create_app(store, ApiSettings(port=0, poll_s=0.05))) as port:
+        yield f"http://127.0.0.1:{port}"
 
 
 @pytest.fixture(scope="session")

@@ -108,15 +108,6 @@ def test_what_plays_outlives_a_refresh(analysis):
     expect(card.locator("[data-readout]")).to_contain_text("t = 0.2 s")
 
 
-def test_a_telephone_scrolls_down_only_with_a_medoid_open(analysis):
-    page = analysis(viewport={"width": 375, "height": 700})
-    card = page.locator(".modes article").first
-    card.get_by_text("Watch the medoid").click()
-    expect(card.locator("[data-readout]")).to_contain_text("t = 0.0 s")
-    over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-    assert page.evaluate(over) <= 0
-
-
 @pytest.mark.parametrize("channels", [("gust",), ("gust", "drift", "bias")])
 def test_every_channel_of_a_function_has_its_line(visit, store, channels):
     campaign, analysis = analyse_function(store, channels)

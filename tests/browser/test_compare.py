@@ -44,13 +44,6 @@ def test_each_has_a_colour_a_shape_and_a_dash_of_its_own(visit, several):
         assert len(found) == len(set(found)) == 4
 
 
-def test_the_switch_works_before_any_script_runs(visit, several):
-    page = visit(several, java_script_enabled=False)
-    expect(page.get_by_role("rowheader", name="simulator")).to_have_count(0)
-    page.get_by_role("switch", name="Only differences").click()
-    expect(page.get_by_role("rowheader", name="simulator")).to_be_visible()
-
-
 def test_campaigns_are_picked_without_a_mouse(visit, made):
     page = visit("/comparison")
     for campaign in (made.ast, made.baseline):
@@ -67,9 +60,3 @@ def test_what_is_chosen_is_changed_with_links_alone(visit, made, several):
     page.get_by_role("link", name=f"Remove {made.difs}: DiFS <b>on</b> cut-in").click()
     expect(page.get_by_text(f"Baseline: {made.baseline}: Monte Carlo")).to_be_visible()
     expect(page.locator("#chosen li")).to_have_count(3)
-
-
-def test_too_many_are_refused_in_words(visit):
-    ids = "&".join(f"campaign={each}" for each in range(1, 14))
-    page = visit(f"/comparison?{ids}", status=422)
-    expect(page.get_by_text("2 to 12 can be compared")).to_be_visible()

@@ -1,22 +1,10 @@
 """What can be taken along from a page, and what an administrator changes there."""
 
-import io
-
 import httpx2
-import pyarrow.parquet
 import pytest
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
-
-
-def test_all_episodes_come_as_parquet(visit, made):
-    page = visit(f"/campaigns/{made.ast}")
-    page.get_by_text("Files", exact=True).click()
-    with page.expect_download() as download:
-        page.locator("a[href$='episodes.parquet']").click()
-    table = pyarrow.parquet.read_table(io.BytesIO(download.value.path().read_bytes()))
-    assert len(table) == 300
 
 
 def test_an_administrator_changes_the_quotas_of_a_key(bare_address, visit):

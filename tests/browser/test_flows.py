@@ -42,13 +42,6 @@ def test_cancelling_asks_first_and_shows_the_end(live, store, queue):
     assert store.campaigns.get(campaign).state == "cancelled"
 
 
-def test_pausing_and_resuming(live, queue):
-    page = live(f"/campaigns/{queue('to rest')}")
-    page.get_by_role("button", name="Pause").click()
-    page.get_by_role("button", name="Resume").click()
-    expect(page.locator("#live .badge").first).to_contain_text("queued")
-
-
 def test_a_priority_is_changed_and_shown(live, store, queue):
     campaign = queue("in a hurry")
     page = live(f"/campaigns/{campaign}")
@@ -158,15 +151,6 @@ def test_a_proof_is_asked_for_and_followed_to_its_end(launched, store, replayed)
     expect(page.locator("#proof .tile").nth(1)).to_contain_text("3 of 6")
     page.get_by_role("link", name=f"{same}/0").click()
     expect(page.locator("h1")).to_have_text("Episode 0")
-
-
-def test_settings_that_do_not_go_together_are_refused_in_words(live, made):
-    page = live(f"/campaigns/{made.ast}")
-    page.get_by_label("Clustering").select_option("hdbscan")
-    page.get_by_label("Modes", exact=True).fill("3")
-    page.get_by_role("button", name="Analyse").click()
-    expect(page.get_by_role("alert")).to_contain_text("hdbscan")
-    expect(page.locator("h1")).to_have_text("AST on cut-in")
 
 
 def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, made, monkeypatch):

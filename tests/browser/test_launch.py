@@ -231,9 +231,3 @@ def test_a_service_that_is_gone_is_told_in_words_and_may_come_back(visit):
     page.unroute("**/launch/form")
     page.get_by_role("button", name="Check").click()
     expect(page.get_by_text("Valid: 40 episodes can be launched.")).to_be_visible()
-
-
-def test_pages_tell_programs_how_to_ask(visit, made):
-    page = visit(f"/campaigns/{made.ast}")
-    page.get_by_text("Copy as curl").click()
-    expect(page.get_by_text(f"/api/v1/campaigns/{made.ast}")).to_be_visible()

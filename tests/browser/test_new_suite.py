@@ -1,14 +1,12 @@
 """The page of a new suite in a real browser: a file is uploaded, previewed and launched once."""
 
 import re
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "suite.toml"
 SUITE = """
 name = "uploaded"
 [base]

@@ -37,11 +37,6 @@ def test_the_theme_that_is_chosen_holds_for_every_page_and_chart(visit, address,
     assert page.evaluate(GROUND) == ground
 
 
-def test_the_first_page_of_an_empty_service(bare_address, visit):
-    page = visit("/", bare_address)
-    expect(page.get_by_text("eigenfail run examples/ast.toml")).to_be_visible()
-
-
 def test_pages_can_be_read_before_any_script_runs(visit, made, monkeypatch):
     # What is known already comes with the page.
     monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: False)
@@ -54,11 +49,6 @@ def test_pages_can_be_read_before_any_script_runs(visit, made, monkeypatch):
     expect(page.get_by_text(f"eigenfail campaign pause {made.queued}")).to_be_visible()
     page.get_by_role("link", name="Safety and cost on a separate page").click()
     expect(page.get_by_text("after the first episode")).to_be_visible()
-
-
-def test_names_are_shown_as_they_were_written(visit):
-    page = visit("/")
-    expect(page.get_by_role("link", name="DiFS <b>on</b> cut-in")).to_be_visible()
 
 
 LOOKS = """element => echarts.getInstanceByDom(element).getOption().series
@@ -135,24 +125,6 @@ def test_a_chart_leads_to_its_episode(visit, made, path, chart):
     expect(page.locator("h1")).to_have_text(f"Episode {str(episode).rsplit('/', 1)[-1]}")
     # A campaign's own failures carry their index; those of several say whose they are.
     assert page.url.endswith(f"/{episode}")
-
-
-def test_a_mode_leads_to_its_medoid(visit, made):
-    page = visit(f"/analyses/{made.analysis}")
-    medoid = page.locator(".modes article").first.get_by_role("link", name="episode")
-    name = medoid.inner_text()
-    medoid.click()
-    expect(page.locator("h1")).to_have_text(name.capitalize())
-
-
-def test_what_the_time_went_into_is_read_without_colour(visit, made):
-    page = visit(f"/campaigns/{made.ast}")
-    bars = page.locator(".split progress")
-    expect(bars).to_have_count(5)
-    shares = [float(bar.get_attribute("value")) for bar in bars.all()]
-    assert sum(shares) == pytest.approx(100.0, abs=0.1)
-    simulation = page.get_by_role("progressbar", name="Simulation, share of the time")
-    expect(simulation).to_be_visible()
 
 
 def test_measures_are_made_once_for_a_page_of_their_own(visit, made):

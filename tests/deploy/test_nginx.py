@@ -18,8 +18,9 @@ from threading import Event, Thread
 
 import deadlines
 import pytest
+from served import serve
 
-from eigenfail_api.__main__ import Server, listen
+from eigenfail_api.__main__ import listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.store.store import open_store
@@ -75,14 +76,12 @@ def configure(folder, text):
 def ports():
     """Ports of the API and of its health checks, of a controller that believes the proxy."""
     settings = ApiSettings(port=0, proxies=(FRIEND,), health_port=0)
-    with closing(open_store("memory://")) as store, listen(FRIEND, 0) as health:
-        server = Server(create_app(store, settings), health)
-        with listen(FRIEND, 0) as listener:
-            thread = Thread(target=server.run, kwargs={"sockets": [listener]})
-            thread.start()
-            yield listener.getsockname()[1], health.getsockname()[1]
-            server.handle_exit(15, None)
-            thread.join()
+    with (
+        closing(open_store("memory://")) as store,
+        listen(FRIEND, 0) as health,
+        serve(create_app(store, settings), health) as port,
+    ):
+        yield port, health.getsockname()[1]
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from benchmarks.claims import read_other_figures
 from benchmarks.figures import Figure, commit, write
-from benchmarks.peers.comparison import count_points
 from benchmarks.samples import mean, median
 from benchmarks.targets import add_target, list_missed
 from benchmarks.truth.shapes import draw_held_noise, shuffles, square_wave, square_waves
@@ -84,13 +83,3 @@ def test_intervals_of_means_and_medians_hold_the_truth_in_nineteen_of_twenty_cas
     assert inside / 400.0 == pytest.approx([0.95, 0.95], abs=0.03)
     assert mean([], "m").value is None
     assert mean([2.0], "m").interval is None
-
-
-def test_counts_of_points_follow_from_the_points_that_are_kept(root):
-    """The counts are derived from other claims, each of which may be measured again alone."""
-    import msgspec
-
-    data = (root / "benchmarks" / "results" / "claims.json").read_bytes()
-    claims = msgspec.json.decode(data, type=dict[str, Figure])
-    for name, derived in dict(count_points(claims)).items():
-        assert claims[name].value == derived.value, f"Run `python -m benchmarks.claims` for {name}."

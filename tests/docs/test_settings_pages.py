@@ -104,19 +104,6 @@ def test_every_environment_variable_of_the_code_is_told(root):
     assert [name for name in sorted(names) if f"`{name}`" not in text] == []
 
 
-def test_links_into_a_document_meet_a_heading(root):
-    for file in (root / "docs").glob("*.md"):
-        for name, anchor in re.findall(r"\]\(([\w.]*)#([\w-]+)\)", file.read_text()):
-            target = (file.parent / name) if name else file
-            headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
-            assert anchor in {anchored(heading) for heading in headings}, f"{file.name}: {anchor}"
-
-
-def anchored(heading):
-    kept = re.sub(r"[^\w\- ]", "", heading.lower())
-    return kept.replace(" ", "-")
-
-
 def test_files_of_the_deployment_are_told(root):
     text = page(root, "deployment")
     names = {file.name for file in (root / "deploy").iterdir() if file.is_file()}

@@ -4,15 +4,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
-from eigenfail import plugins
+from distributions import write_record
+from plugin_absence import forget_entry_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-def forget():
-    plugins.list_entry_points.cache_clear()
-    plugins.load.cache_clear()
 
 
 @pytest.fixture
@@ -23,15 +18,11 @@ def install(tmp_path, monkeypatch):
         project = tomllib.loads(text)["project"]
         groups = project["entry-points"].items()
         lines = [f"[{g}]\n{name} = {at}" for g, own in groups for name, at in own.items()]
-        record = tmp_path / f"{project['name'].replace('-', '_')}-0.1.dist-info"
-        record.mkdir()
-        about = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0.1\n"
-        (record / "METADATA").write_text(about)
-        (record / "entry_points.txt").write_text("\n".join(lines))
+        write_record(tmp_path, project["name"], "\n".join(lines), "0.1")
         for folder in (EXAMPLES, tmp_path):
             monkeypatch.syspath_prepend(folder)
-        forget()
+        forget_entry_points()
 
     yield write
     monkeypatch.undo()
-    forget()
+    forget_entry_points()

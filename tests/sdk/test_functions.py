@@ -51,20 +51,14 @@ def test_channels_are_those_that_the_campaign_names_in_its_order(given, names):
     [
         [],
         ["a", "a"],
-        ["A"],
-        ["a b"],
         ["a\n"],
         ["a-b"],
         ["é"],
-        ["1"],
         [1],
         "a",
         2,
         {"a": 1},
-        ["a" * 33],
         ["a"] * 51,
-        ["joint"],
-        ["a_sigma"],
     ],
 )
 def test_channels_without_names_of_their_own_are_refused(given):

@@ -4,9 +4,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from distributions import write_record
+from plugin_absence import forget_entry_points
 from tiny_formats import FORMATS
 
-from eigenfail import plugins
 from eigenfail.client.episodes import choose_recording_format
 from eigenfail.contracts.recording import (
     KNOWN,
@@ -30,25 +31,18 @@ FORMAT = RecordingFormat(
 @pytest.fixture
 def bring(tmp_path, monkeypatch):
     """Installs a distribution that brings the format `sheep`."""
-    caches = (plugins.list_entry_points, plugins.load)
 
     def install(text=MODULE, distribution="eigenfail-sheep", attribute="FORMAT"):
         package = distribution.replace("-", "_")
         folder = tmp_path / distribution
-        record = folder / f"{package}-1.0.dist-info"
-        record.mkdir(parents=True)
-        (folder / f"{package}.py").write_text(text)
-        about = f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1\n"
-        (record / "METADATA").write_text(about)
         points = f"[eigenfail.exports]\nsheep = {package}:{attribute}\n"
-        (record / "entry_points.txt").write_text(points)
+        write_record(folder, distribution, points)
+        (folder / f"{package}.py").write_text(text)
         monkeypatch.syspath_prepend(folder)
-        for each in caches:
-            each.cache_clear()
+        forget_entry_points()
 
     yield install
-    for each in caches:
-        each.cache_clear()
+    forget_entry_points()
     sys.modules.pop("eigenfail_sheep", None)
     sys.modules.pop("eigenfail_goats", None)
 

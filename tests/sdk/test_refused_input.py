@@ -5,18 +5,15 @@ import base64
 import numpy as np
 import pytest
 
-from eigenfail import functions
 from eigenfail.addresses import sqlite_path
 from eigenfail.cli.analyze import read_variation
-from eigenfail.cli.completion import find_shell
 from eigenfail.cli.key import parse_duration
 from eigenfail.cli.specs import parse_changes
 from eigenfail.errors import InvalidValue, ProtocolError, UnknownName
 from eigenfail.files import read_private
 from eigenfail.values.access import Quotas
 from eigenfail.values.arrays import PackedArray, decode_array, encode_array, pack, unpack
-from eigenfail.values.campaign_spec import CampaignSpec, StopRules
-from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.campaign_spec import StopRules
 from eigenfail.wire import keys
 from eigenfail.wire.http import read_body, read_plain
 
@@ -53,12 +50,6 @@ def test_variations_are_written_as_in_a_campaigns_file():
         read_variation("distance 53")
 
 
-def test_a_shell_without_completion_is_refused_with_the_known_ones():
-    assert find_shell("bash") == "bash"
-    with pytest.raises(InvalidValue, match=r"not available for 'tcsh'.*bash"):
-        find_shell("tcsh")
-
-
 @pytest.mark.parametrize(
     ("url", "words"),
     [
@@ -88,34 +79,6 @@ def test_bodies_that_are_no_json_are_refused_apart_from_those_of_another_kind():
     with pytest.raises(InvalidValue):
         read_plain(b"[]", dict)
     assert read_body(b'{"max_open": 3}', Quotas).max_open == 3
-
-
-def of_function(**fields):
-    given = {
-        "simulator": "function",
-        "scenario": "function",
-        "planner": "my_module:robustness",
-        "scenario_parameters": {"steps": 40},
-    }
-    return CampaignSpec(name="f", method="ast", episodes=10, **{**given, **fields})
-
-
-def test_a_campaign_on_a_function_refuses_what_means_nothing_to_a_function():
-    parameters = functions.FunctionParameters(steps=40)
-    assert functions.check(of_function()) == parameters
-    assert functions.check(of_function(disturbance=DisturbanceModel(scale=2.0))) == parameters
-    for fields, error, words in (
-        ({"scenario": "cut_in"}, InvalidValue, 'not a scenario of.*scenario = "function"'),
-        ({"planner": "idm"}, InvalidValue, "'idm' is not of the form module:function"),
-        ({"planner_settings": {"gap": 1}}, UnknownName, "gap"),
-        (
-            {"disturbance": DisturbanceModel(lateral_slope=0.5)},
-            InvalidValue,
-            "slopes and bases do not apply to functions",
-        ),
-    ):
-        with pytest.raises(error, match=words):
-            functions.check(of_function(**fields))
 
 
 def test_a_private_file_is_read_only_if_others_cannot(tmp_path):

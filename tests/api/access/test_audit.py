@@ -85,7 +85,8 @@ def triaged(store):
 def test_the_values_that_were_given_are_written_down(as_holder, triaged, changes):
     ticket = "https://tickets.example/7"
     given = {"state": "known", "ticket": ticket, "note": "seen twice"}
-    assert as_holder("runner", "POST", f"{triaged}/triage", json=given).status_code == 200
+    answer = as_holder("runner", "POST", f"{triaged}/triage", json=given)
+    assert answer.json()["changed_by"] == "the runner"
     as_holder("runner", "PUT", f"{triaged}/name", json={"name": "late braking"})
     as_holder("runner", "POST", f"{CAMPAIGNS}/1/priority", json={"priority": "high"})
     assert [each.details for each in changes()] == [

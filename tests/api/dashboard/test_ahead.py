@@ -16,7 +16,7 @@ HTML = {"Accept": "text/html"}
 
 @pytest.mark.parametrize("address", ["/", "/suites", "/launch", "/comparison", "/glossary"])
 def test_all_that_a_page_imports_is_named_in_its_head(http, address) -> None:
-    text = http.get(address, headers=HTML).text
+    text = http.get(address).text
     named = set(re.findall(r'rel="modulepreload" href="/static/js/([\w.]+)"', text))
     entry = re.search(r'src="/static/js/([\w.]+)" type="module"', text)[1]
     assert named == set(list_modules(entry)) == imported(entry)
@@ -38,7 +38,7 @@ def test_a_page_that_asks_again_does_not_begin_its_later_part(store, http, monke
     address = f"/campaigns/{campaign.id}"
     assert http.get(address, headers=HTML | {"HX-Request": "true"}).status_code == 200
     assert asked == []
-    assert http.get(address, headers=HTML).status_code == 200
+    assert http.get(address).status_code == 200
     assert asked
 
 
@@ -49,7 +49,7 @@ def test_a_later_part_that_is_known_already_is_in_the_page(
     campaign = running(store)
     deliver(store, campaign, collision(0))
     monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: is_done)
-    text = http.get(f"/campaigns/{campaign.id}", headers=HTML).text
+    text = http.get(f"/campaigns/{campaign.id}").text
     assert re.findall(r'id="measures" data-later="(\w+)"', text) == [state]
     assert ('id="measures-basis"' in text) == is_done
 

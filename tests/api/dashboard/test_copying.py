@@ -2,17 +2,15 @@
 
 import shutil
 import subprocess
-import threading
-import time
 
 import deadlines
 import msgspec
 import pytest
 from accepted import accept_spec
+from served import serve
 
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.dashboard.copying import Service, format_curl
 from eigenfail_api.settings import ApiSettings
@@ -38,15 +36,8 @@ BODY = {
 @pytest.fixture
 def address(store):
     """A service on a free port of this machine."""
-    listener = listen("127.0.0.1", 0)
-    server = Server(create_app(store, ApiSettings(port=0)))
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    yield f"http://127.0.0.1:{listener.getsockname()[1]}"
-    server.handle_exit(0, None)
-    thread.join(timeout=deadlines.PROCESS_S)
+    with serve(create_app(store, ApiSettings(port=0))) as port:
+        yield f"http://127.0.0.1:{port}"
 
 
 def in_shell(text, folder):

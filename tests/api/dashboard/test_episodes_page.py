@@ -12,8 +12,6 @@ from eigenfail.values.measures import Measures
 from eigenfail.values.records import Delivery
 from eigenfail_api.dashboard import charts, episodes_page
 
-HTML = {"Accept": "text/html"}
-
 
 @pytest.fixture
 def filled(store, campaign, deliver, result, failed):
@@ -38,7 +36,7 @@ def lines(page):
 
 
 def get(http, campaign, status=200, **asked):
-    response = http.get(f"/campaigns/{campaign}/episodes", params=asked, headers=HTML)
+    response = http.get(f"/campaigns/{campaign}/episodes", params=asked)
     assert response.status_code == status, response.text
     return response.text
 
@@ -53,7 +51,7 @@ def test_all_episodes_are_listed_and_drawn(http, filled, check_page):
 def test_filter_and_sort_are_in_the_address(http, filled, check_page):
     asked = "filter=severity > 15 and outcome = collision&sort=-severity"
     check_page("dashboard/episodes/filtered", f"/campaigns/{filled}/episodes?{asked}")
-    page = http.get(f"/campaigns/{filled}/episodes?{asked}", headers=HTML).text
+    page = http.get(f"/campaigns/{filled}/episodes?{asked}").text
     assert listed(page) == [4, 3, 2]
     assert len(lines(page)["failure"]) == 3
 
@@ -62,7 +60,7 @@ def test_pages_follow_each_other(http, filled, monkeypatch):
     monkeypatch.setattr(episodes_page, "EPISODES_ON_A_PAGE", 4)
     found, address = [], f"/campaigns/{filled}/episodes?sort=-severity"
     while address:
-        page = http.get(address, headers=HTML).text
+        page = http.get(address).text
         found += listed(page)
         following = re.search(r'<a href="([^"]*)" rel="next">', page)
         address = html.unescape(following[1]) if following else None
@@ -98,14 +96,14 @@ def test_an_episode_leads_to_its_neighbours_in_the_list_that_it_was_reached_from
     address = html.unescape(re.search(r'<th scope="row"><a href="([^"]*/2\?[^"]*)"', page)[1])
     walked, listings = [], set()
     while address:
-        page = http.get(address, headers=HTML).text
+        page = http.get(address).text
         walked.append(int(re.search(r"/episodes/(\d+)", address)[1]))
         listings |= {*re.findall(r'<a href="([^"]*)">episodes</a>', page)}
         following = re.search(r'rel="next" href="([^"]*)"', page)
         address = html.unescape(following[1]) if following else None
     assert walked == [2, 1, 0]
     (back,) = listings
-    assert listed(http.get(html.unescape(back), headers=HTML).text) == [2, 1, 0]
+    assert listed(http.get(html.unescape(back)).text) == [2, 1, 0]
     assert "Previous episode (1)" in page
 
 
@@ -113,7 +111,7 @@ def test_the_way_back_is_the_way_there_where_values_are_missing(http, filled):
     address, walked = f"/campaigns/{filled}/episodes/5?filter=&sort=-severity", []
     while address:
         walked.append(int(re.search(r"/episodes/(\d+)", address)[1]))
-        before = re.search(r'rel="prev" href="([^"]*)"', http.get(address, headers=HTML).text)
+        before = re.search(r'rel="prev" href="([^"]*)"', http.get(address).text)
         address = html.unescape(before[1]) if before else None
     assert walked[::-1] == listed(get(http, filled, sort="-severity"))
 
@@ -121,7 +119,7 @@ def test_the_way_back_is_the_way_there_where_values_are_missing(http, filled):
 def test_a_list_that_cannot_be_is_refused_on_the_page_of_an_episode_too(http, filled):
     address = f"/campaigns/{filled}/episodes/2"
     for wrong in ({"filter": "sevrity > 15"}, {"filter": "", "sort": "sevrity"}):
-        assert http.get(address, params=wrong, headers=HTML).status_code == 422
+        assert http.get(address, params=wrong).status_code == 422
 
 
 def test_the_files_hold_what_the_list_shows(http, filled):

@@ -16,14 +16,11 @@ from eigenfail.values.analysis import (
     AnalysisSettings,
     Behaviour,
     Diversity,
-    InfluenceShare,
     ModeBehaviour,
-    Moment,
     Stability,
     TrainingInterval,
 )
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import Estimate, Interval
 from eigenfail_api.dashboard.analysis_charts import (
     MOST_STEPS,
@@ -32,15 +29,11 @@ from eigenfail_api.dashboard.analysis_charts import (
     make_training_charts,
 )
 from eigenfail_api.dashboard.analysis_page import (
-    describe_settings,
-    list_tables,
     make_finding_tiles,
 )
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 
 OF_MODES, SEEN = ("Effective modes", "Largest mode"), "All modes seen after"
-
-HTML = {"Accept": "text/html"}
 
 
 @pytest.fixture
@@ -162,20 +155,6 @@ def test_charts_call_groups_what_cards_call_groups(found):
             assert other not in words
 
 
-def test_moments_are_told_in_seconds_or_in_steps(found):
-    moments = (Moment("lateral", 3, 0.8, 0.25), Moment("longitudinal", 1, None, 0.125))
-    (grid,) = list_tables(replace(found, moments=moments))
-    assert grid.rows[0] == ("Lateral", "0.800 s before the collision", 0.25)
-    assert grid.rows[1] == ("Longitudinal", "at step 1", 0.125)
-
-
-def test_the_share_of_the_last_seconds_stands_beside_that_of_the_time(found):
-    share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
-    (grid,) = list_tables(replace(found, before_collision=(share,)))
-    (cells,) = grid.cells
-    assert [cell.line for cell in cells] == ["Last 2 s", "25.0 %", "50.0 %", "–", "50.0 %"]
-
-
 def test_a_snapshot_says_so(found, check_finding):
     source = AnalysedCampaign(campaign=1, episodes=7, failures=2, running=True)
     notes = ("A snapshot: more episodes were to come in campaign 1.",)
@@ -253,21 +232,11 @@ def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):
     assert make_training_charts(found) == ()
 
 
-def test_what_was_asked_for_in_words():
-    settings = AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3))
-    assert ", ".join(describe_settings(settings, AXES)) == (
-        "aligned at collision, the lateral axis alone, 3 components, K-means, modes: auto, "
-        "bootstrap 20, failures: latest, eigenfailures: median, features: behaviour, "
-        "with campaigns 2, 3"
-    )
-    assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0), AXES))
-
-
 def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaign, store):
     settings = AnalysisSettings(axes="lateral", clusterer="hdbscan", bootstrap=7, campaigns=(8,))
     again = store.analyses.create(campaign, settings).id
     for address in (f"/campaigns/{campaign}", f"/analyses/{again}"):
-        html = http.get(address, headers=HTML).text
+        html = http.get(address).text
         names = re.findall(r' name="(\w+)"', html.partition('action="/api/v1/campaigns/1/ana')[2])
         assert set(names) == {field.name for field in msgspec.structs.fields(AnalysisSettings)}
     assert '<option value="hdbscan" selected>' in html
@@ -286,10 +255,10 @@ def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, cou
     assert found is not None, store.analyses.get(analysis).problem
     assert found.channels == channels
     pages = {
-        address: http.get(address, headers=HTML).text
+        address: http.get(address).text
         for address in (f"/analyses/{analysis}", f"/campaigns/{campaign}")
     }
-    episode = http.get(f"/campaigns/{campaign}/episodes/0", headers=HTML).text
+    episode = http.get(f"/campaigns/{campaign}/episodes/0").text
     for html in pages.values():
         assert '<option value="start"' in html
         assert '<option value="collision"' not in html

@@ -70,10 +70,3 @@ def test_the_log_tells_who_did_what_and_what_was_refused(http, golden, key_of, c
     for holder in (admin, viewer):
         http.post(f"/api/v1/campaigns/{campaign}/pause", headers=holder | {"Accept": "*/*"})
     golden.check_page("dashboard/audit/refused", http.get("/audit", headers=admin).text)
-
-
-@pytest.mark.parametrize("address", ["/keys", "/audit"])
-def test_both_are_for_administrators(http, key_of, address) -> None:
-    admin, runner = key_of("ada"), key_of("ci", Scope.RUNNER)
-    assert http.get(address, headers=runner).status_code == 403
-    assert http.get(address, headers=admin).status_code == 200

@@ -8,8 +8,6 @@ from store_checks.modes import WORDS, analysed, crashed, pooled
 
 from eigenfail.testing.examples import analysis_result
 
-HTML = {"Accept": "text/html"}
-
 
 def listed(page):
     """The episodes in the table, in its order."""
@@ -30,20 +28,20 @@ def test_a_mode_has_a_page(mode, check_page):
 
 def test_its_failures_can_be_sorted(mode, http, look):
     _, address = mode
-    assert listed(http.get(address, headers=HTML).text) == [3, 1]
-    assert listed(http.get(f"{address}?sort=severity", headers=HTML).text) == [1, 3]
+    assert listed(http.get(address).text) == [3, 1]
+    assert listed(http.get(f"{address}?sort=severity").text) == [1, 3]
     assert "mode" in look(f"{address}?sort=mode", 422)
 
 
 def test_episodes_lead_to_their_mode_and_back(mode, http, store):
     campaign, address = mode
-    episode = http.get(f"/campaigns/{campaign.id}/episodes/3", headers=HTML).text
+    episode = http.get(f"/campaigns/{campaign.id}/episodes/3").text
     assert f'href="{address}"' in episode
-    page = http.get(address, headers=HTML).text
+    page = http.get(address).text
     assert f'href="/campaigns/{campaign.id}/episodes/3"' in page
     assert "filter=mode+%3D+2" in page
     analysed(store, campaign, analysis_result())
-    older = http.get(address, headers=HTML).text
+    older = http.get(address).text
     assert "filter=mode" not in older, "A filter has the modes of the newest analysis."
 
 
@@ -67,7 +65,7 @@ def test_a_filter_is_offered_only_where_it_finds_just_the_mode(store, http):
     of_both = replace(analysis_result(), episodes=(0, 1, 0, 1), campaigns=(2, 2, 1, 1))
     both = analysed(store, other, of_both)
     for address in (f"/analyses/{older}/modes/2", f"/analyses/{both}/modes/1"):
-        assert "filter=mode" not in http.get(address, headers=HTML).text, address
+        assert "filter=mode" not in http.get(address).text, address
 
 
 def test_modes_that_are_not_there(mode, look):

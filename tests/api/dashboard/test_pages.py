@@ -53,20 +53,6 @@ def test_a_campaign_shows_what_its_scenario_leaves_out(look, campaign, monkeypat
     assert "'left_out': It is uncertain. 'notes': It is uncertain." in said
 
 
-def test_older_campaigns_are_behind_a_link(http, look, fields):
-    ids = [http.post("/api/v1/campaigns", json=fields).json()["id"] for _ in range(51)]
-    assert f'href="/?before={ids[1]}"' in http.get("/", headers=HTML).text
-    assert "1 0 running" in look(f"/?before={ids[1]}")
-    assert "No further campaigns" in look(f"/?before={ids[0]}")
-
-
-def test_what_users_write_is_text_not_markup(http, fields):
-    http.post("/api/v1/campaigns", json={**fields, "name": "<script>alert(1)</script>'\""})
-    page = http.get("/", headers=HTML).text
-    assert "<script>alert" not in page
-    assert "&lt;script&gt;alert(1)" in page
-
-
 @pytest.mark.parametrize(
     ("state", "wishes"),
     [
@@ -80,7 +66,7 @@ def test_what_users_write_is_text_not_markup(http, fields):
 def test_only_what_the_state_allows_is_offered(http, store, campaign, state, wishes):
     for each in state:
         store.campaigns.move(campaign, each)
-    page = http.get(f"/campaigns/{campaign}", headers=HTML).text
+    page = http.get(f"/campaigns/{campaign}").text
     offered = [w for w in ("pause", "resume", "cancel") if f"{campaign}/{w}" in page]
     assert offered == wishes
 
@@ -89,24 +75,15 @@ def test_a_campaign_without_results(check_page, campaign):
     check_page("dashboard/campaign/queued", f"/campaigns/{campaign}")
 
 
-def test_failures_come_page_by_page(http, look, campaign, deliver, result):
-    deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(10)))
-    first = http.get(f"/campaigns/{campaign}", headers=HTML).text
-    assert first.count(f'href="/campaigns/{campaign}/episodes/') == 10
-    rest = http.get(f"/campaigns/{campaign}/failures?after=6", headers=HTML).text
-    links = [f'href="/campaigns/{campaign}/episodes/{index}?' in rest for index in range(10)]
-    assert links == [False] * 7 + [True] * 3
-    assert "<html" not in rest
-
-
 def test_a_long_list_of_failures_offers_more(http, fields, deliver, result):
     long = http.post("/api/v1/campaigns", json={**fields, "episodes": 30}).json()["id"]
     deliver(long, *(result(index, Outcome.COLLISION) for index in range(30)))
     page = http.get(f"/campaigns/{long}").text
     more = html.unescape(re.search(r'hx-get="([^"]*/failures[^"]*)"', page)[1])
+    rest = http.get(more).text
     rows = re.compile(r'<th scope="row"><a href="/campaigns/\d+/episodes/(\d+)')
-    found = rows.findall(page) + rows.findall(http.get(more).text)
-    assert sorted(map(int, found)) == [*range(30)]
+    assert sorted(map(int, rows.findall(page) + rows.findall(rest))) == [*range(30)]
+    assert "<html" not in rest
 
 
 def test_an_episode_that_crashed_has_its_scene(check_page, campaign, deliver, result):
@@ -322,14 +299,6 @@ def test_problems_stay_problems_for_programs(http, problem):
     problem(http.get("/api/v1/campaigns/7", headers=HTML), 406)
 
 
-@pytest.mark.parametrize("address", ["/", "/campaigns/7", "/static/js/main.js"])
-def test_everything_is_sent_under_the_strict_policy(http, address):
-    headers = http.get(address, headers=HTML).headers
-    assert "script-src 'self'; style-src 'self'" in headers["content-security-policy"]
-    assert "unsafe" not in headers["content-security-policy"]
-    assert headers["x-content-type-options"] == "nosniff"
-
-
 def test_a_fault_of_our_own_is_a_page_too(http, look, store, monkeypatch):
     def fail(*_):
         raise RuntimeError("secret")
@@ -354,11 +323,6 @@ def test_unchanged_files_are_asked_after_but_not_sent_again(http):
 def test_nothing_outside_of_the_static_folder_is_sent(http):
     assert http.get("/static/%2e%2e/pages.py").status_code == 404
     assert http.get("/static/js/").status_code == 404
-
-
-def test_pages_are_not_part_of_the_api(http):
-    assert not [path for path in http.get("/openapi.json").json()["paths"] if "static" in path]
-    assert "/" not in http.get("/openapi.json").json()["paths"]
 
 
 def test_an_episode_of_a_campaign_that_varies_shows_what_it_drew(

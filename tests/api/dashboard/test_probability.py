@@ -19,15 +19,6 @@ TOLD = Estimate(
     interval=Interval(2.2e-6, 5.9e-6),
     note="It knows nothing of the rest.",
 )
-BOUND = Estimate(
-    by="importance sampling",
-    episodes=9_100,
-    probability=3.65e-6,
-    cv=0.04,
-    note="Other failure regions are missed.",
-    bound="lower",
-)
-REFUSED = Estimate(by="importance sampling", episodes=500, effective=4.0, problem="Too few count.")
 
 
 @pytest.fixture
@@ -48,22 +39,6 @@ def test_a_probability_has_its_interval_beside_it(campaign):
     assert figure.notes[:2] == ("95 %: [2.20×10⁻⁶, 5.90×10⁻⁶]", "n = 9,100")
     assert figure.notes[2] == "by subset simulation, cv 0.250"
     assert figure.notes[3:] == ("It knows nothing of the rest.",)
-
-
-def test_a_lower_bound_has_no_interval_and_no_cv_beside_it(campaign):
-    figure = shown(replace(campaign, estimate=BOUND))["Failure probability"]
-    assert figure.value == "at least 3.65×10⁻⁶"
-    assert figure.notes == (
-        "n = 9,100",
-        "lower bound without a confidence level",
-        "by importance sampling",
-        BOUND.note,
-    )
-
-
-def test_a_refusal_says_why(campaign):
-    figure = shown(replace(campaign, estimate=REFUSED))["Failure probability"]
-    assert (figure.value, figure.notes) == ("–", ("by importance sampling", "Too few count."))
 
 
 def test_a_method_that_tells_none_has_no_tile(campaign):

@@ -10,7 +10,6 @@ from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_api.dashboard import release_page
 
 CLAIMS = Path(__file__).parents[3] / "benchmarks/results/claims.json"
-HTML = {"Accept": "text/html"}
 
 
 @pytest.fixture
@@ -36,8 +35,8 @@ def test_one_click_from_the_home_page_says_what_is_fixed(store, check_page, http
     release(store, "v1", {"late": 9}, method="ast")
     release(store, "v2", {"hard": 9}, method="ast", seed=1)
     release(store, "v1", {"late": 3}, scenario_parameters={"distance_m": 60.0})
-    assert 'href="/releases"' in http.get("/", headers=HTML).text
-    text = http.get("/releases", headers=HTML).text
+    assert 'href="/releases"' in http.get("/").text
+    text = http.get("/releases").text
     assert "v2 against v1: 1 still there, 1 fixed." in text
     assert "v2 against v1: 1 not met, 1 undecided." in text
     assert text.index("1 fixed") < text.index("Table of scenarios")
@@ -51,7 +50,7 @@ def test_a_bounded_number_of_scenarios_is_compared(store, http, monkeypatch):
     for method in ("ast", "difs"):
         release(store, "v1", {"late": 9}, method=method)
         release(store, "v2", {"late": 9}, method=method, seed=1)
-    text = http.get("/releases", headers=HTML).text
+    text = http.get("/releases").text
     assert text.count("against v1") == 1
     assert "difs" in text[: text.index("Table of scenarios")]
 
@@ -90,11 +89,11 @@ def test_releases_of_a_project(newest, look):
 
 def test_a_mode_leads_to_its_releases_and_back(newest, http, store):
     later = "/analyses/2/modes/2/history"
-    assert f'hx-get="{later}"' in http.get("/analyses/2/modes/2", headers=HTML).text
-    history = http.get(later, headers=HTML).text
+    assert f'hx-get="{later}"' in http.get("/analyses/2/modes/2").text
+    history = http.get(later).text
     assert f'href="/releases/{newest}#mode-1"' in history
     assert "Over releases" in history
-    table = http.get(f"/releases/{newest}", headers=HTML).text
+    table = http.get(f"/releases/{newest}").text
     assert 'id="mode-1"' in table
     assert 'href="/analyses/2/modes/2"' in table
 

@@ -2,22 +2,17 @@
 
 import numpy as np
 import pytest
+from example_values import make_row
 from msgspec.structs import replace
 from tests.support.chart_tables import read_data, read_headings, read_rows
 
-from eigenfail.values.analysis import Diversity
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
-from eigenfail.values.episode import Outcome
-from eigenfail.values.records import EpisodeRow, Page, Totals
+from eigenfail.values.records import Page, Totals
 from eigenfail.values.scene import Scene
 from eigenfail.values.summary import Course, CourseBlock
 from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.analysis_charts import pick_evenly
-from eigenfail_api.dashboard.analysis_page import (
-    make_coverage_tile,
-    make_diversity_tiles,
-)
 from eigenfail_api.dashboard.campaign_page import group_settings, list_times
 from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_chart
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
@@ -29,25 +24,8 @@ from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
 
 
-def row(index, outcome=Outcome.SAFE, robustness_m=5.0):
-    return EpisodeRow(
-        campaign=1,
-        index=index,
-        seed=index,
-        outcome=outcome,
-        steps=100,
-        source="prior",
-        worker="w",
-        robustness_m=None if outcome is Outcome.ERRORED else robustness_m,
-        log_probability=-200.0,
-        severity=None,
-        min_ttc_s=None,
-        max_drac_mps2=None,
-        wall_s=0.1,
-        finished_ms=0,
-        digest="",
-        has_scene=False,
-    )
+def row(index):
+    return make_row(index, robustness_m=5.0, log_probability=-200.0)
 
 
 def campaign(counts, state=CampaignState.RUNNING, active_s=0.0, method="ast"):
@@ -212,22 +190,6 @@ def totals(failures):
     return Totals(failures, -200.0 * failures, 100 * failures, 25.0 * failures)
 
 
-def test_how_diverse_failures_are_in_figures():
-    found = Diversity(
-        failures=40,
-        modes=2,
-        largest_share=0.75,
-        effective_modes=1.7547,
-        spread=0.9,
-        coverage=(0, 1, 1, 2, 2, 2, 2, 2, 2, 2),
-        verdict="2 modes",
-    )
-    told = {name: (figure.value, *figure.notes) for name, figure in make_diversity_tiles(found)}
-    assert told["Effective modes"] == ("1.75", "of 2 clusters, small ones included")
-    assert told["Largest mode"] == ("75.0 %", "of 40 failures")
-    assert make_coverage_tile(found).value == "40 %"
-
-
 def test_the_nearest_vehicle_may_change():
     places = np.zeros((2, 3, 4), np.float32)
     places[0, 1:, 0] = [10.0, -4.0]
@@ -251,14 +213,6 @@ def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
     bar = TEMPLATES.get_template("macros.html").module.progress(counts, remaining)
     assert '<progress max="37" value="37"' in bar
     assert "37 / 400, 363 not run" in bar
-
-
-def test_what_varies_in_the_scenario_stands_in_words():
-    given = {"distance_m": {"uniform": [53, 63]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
-    asked = campaign(Counts(5))
-    asked = replace(asked, spec=replace(asked.spec, scenario_parameters=given))
-    words = dict(group_settings(asked))[f"Scenario {asked.spec.scenario}"]
-    assert dict(words) == {"distance_m": "uniform 53 … 63", "actor_speed_mps": "one of 12.0, 16.0"}
 
 
 def test_how_many_episodes_were_trained_with_stands_where_it_is_known():

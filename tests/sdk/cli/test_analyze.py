@@ -9,30 +9,19 @@ import httpx2
 import msgspec
 import numpy as np
 import pytest
+from example_values import NOTHING, make_findings
 from msgspec.structs import replace
 
 from eigenfail.client import Client
 from eigenfail.presentation import analyses
 from eigenfail.values import analysis
-from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import Interval
 
 README = Path(__file__).parents[3] / "README.md"
 EPISODE = re.compile(r"(?<=episode )\d+/\d+")
 """Replays of two analyses are in two campaigns."""
 URL = "http://127.0.0.1:8440"
-NOTHING = np.zeros((0, 2), np.float32)
-BARE = analysis.AnalysisResult(
-    episodes=(),
-    explained=NOTHING,
-    components=NOTHING,
-    scores=NOTHING,
-    labels=(),
-    modes=(),
-    influence=NOTHING,
-    silhouette=None,
-    noise_silhouette=None,
-)
+BARE = make_findings()
 
 
 def test_every_option_reaches_the_analysis(eigenfail, done, spec_file, store):
@@ -112,51 +101,6 @@ def load_demo():
     module = module_from_spec(found)
     found.loader.exec_module(module)
     return module
-
-
-BY_NOISE = "Failures are grouped by the principal components of their noise."
-
-
-def test_an_older_result_has_nothing_more_to_say():
-    assert list(analyses.describe_findings(BARE)) == [BY_NOISE]
-    assert BARE.verdict == "No distinct modes: the failures make a single group."
-
-
-def test_findings_in_words():
-    found = replace(
-        BARE,
-        notes=("A snapshot.",),
-        stability=analysis.Stability(20, 300, 0.91, Interval(0.4, 1.0)),
-        outliers=0.124,
-        moments=(analysis.Moment("lateral", 4, 1.2, 0.5), analysis.Moment("lateral", 9, 0.7, 0.4)),
-        digest="5eed",
-    )
-    assert list(analyses.describe_findings(found)) == [
-        BY_NOISE,
-        "A snapshot.",
-        (
-            "Drawn again 20 times, the groups have an adjusted Rand index of 0.910 [0.400, 1.00]; "
-            "1 is the same groups, 0 is chance."
-        ),
-        "12.4 % of the failures were near no group.",
-        (
-            "Lateral noise differs most between failures 1.20 s before the collision, 0.700 s "
-            "before the collision."
-        ),
-        "Digest of every number (SHA-256): 5eed",
-    ]
-    assert analyses.format_moment(analysis.Moment("lateral", 4, None, 0.5)) == "at step 4"
-
-
-def test_the_share_of_the_last_seconds_in_words():
-    share = analysis.InfluenceShare(
-        seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5
-    )
-    assert analyses.describe_influence(share, AXES) == (
-        "The last 2 s before the collision, 25.0 % of the time, hold 50.0 % of the influence "
-        "(longitudinal 50.0 %)."
-    )
-    assert "differ in no step" in analyses.describe_influence(replace(share, both=None), AXES)
 
 
 @pytest.mark.parametrize(

@@ -18,12 +18,6 @@ def test_a_campaign_is_archived_and_restored(eigenfail, done):
     assert listed(eigenfail, "--json") == [done]
 
 
-def test_what_does_not_exist_is_not_archived(eigenfail):
-    refused = eigenfail("campaign", "archive", 7)
-    assert refused.exit_code == 2
-    assert "Campaign 7 does not exist" in refused.stderr
-
-
 def test_a_suite_keeps_its_archived_members(eigenfail, spec_file, store):
     asked = ("run", spec_file, "--seeds", 2)
     assert eigenfail(*asked).exit_code == 0

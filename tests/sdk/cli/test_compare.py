@@ -2,12 +2,8 @@
 
 import json
 
-import numpy as np
 import pytest
-from msgspec.structs import replace
 
-from eigenfail.presentation.analyses import describe_diversity
-from eigenfail.values.analysis import AnalysisResult, Diversity
 from eigenfail.values.comparison import Comparison
 from eigenfail.values.summary import Course
 from eigenfail.wire.http import decode
@@ -53,27 +49,3 @@ def test_a_course_is_a_table_of_blocks(check_session, eigenfail, done, store):
 def test_an_analysis_says_how_diverse_the_failures_are(eigenfail, done):
     found = json.loads(eigenfail("analyze", done, "--clusters", 2, "--json").stdout)
     assert found["analysis"]["result"]["diversity"]["modes"] == 1
-
-
-def test_modes_that_are_distinct_are_told_with_when_they_were_seen():
-    nothing = np.zeros((0, 0), np.float32)
-    fields = dict.fromkeys(("explained", "components", "scores", "influence"), nothing)
-    found = AnalysisResult(
-        **fields, episodes=(), labels=(), modes=(), silhouette=None, noise_silhouette=None
-    )
-    assert list(describe_diversity(found)) == []
-    diversity = Diversity(
-        failures=40,
-        modes=2,
-        largest_share=0.95,
-        effective_modes=1.2,
-        spread=0.8,
-        coverage=(1,) * 9 + (2,),
-        verdict="2 modes.",
-        warning="mode collapse: try `ensemble`.",
-    )
-    spread, coverage, warning = describe_diversity(replace(found, diversity=diversity))
-    assert "40 failures has a standard deviation of 0.800 sigma about its mean" in spread
-    assert coverage.endswith("each tenth of the campaign: 1, 1, 1, 1, 1, 1, 1, 1, 1, 2.")
-    assert warning.startswith("Warning: Mode collapse: 95 % of the failures are of one mode. Try ")
-    assert "`" not in warning

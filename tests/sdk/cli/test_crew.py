@@ -16,7 +16,3 @@ def test_as_json_it_is_the_values(eigenfail, done, store):
     told = eigenfail("campaign", "workers", done, "--json").stdout
     found = msgspec.json.decode(told, type=tuple[WorkerShare, ...])
     assert found == store.figures.workers(done)
-
-
-def test_a_campaign_that_does_not_exist_is_refused(eigenfail):
-    assert eigenfail("campaign", "workers", 99).exit_code == 2

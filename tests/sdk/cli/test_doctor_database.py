@@ -55,14 +55,6 @@ def wrong(found):
     return {what for what, finding in found.items() if finding["wrong"]}
 
 
-def test_accounts_are_checked(doctor, folder):
-    assert doctor()[0] == 0
-    change(folder, "UPDATE campaigns SET completed = 1")
-    code, found = doctor()
-    assert (code, wrong(found)) == (3, {"database", "database: accounts"})
-    assert "eigenfail db verify" in found["database"]["remedy"]
-
-
 def test_an_episode_that_no_longer_replays_is_found(doctor, folder):
     code, found = doctor("--replay", PLANNED)
     assert (code, wrong(found)) == (0, set())

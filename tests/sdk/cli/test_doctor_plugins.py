@@ -4,6 +4,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from distributions import write_record
+from plugin_absence import forget_entry_points
 
 from eigenfail import plugins
 from eigenfail.cli.doctor import list_plugins
@@ -15,23 +17,15 @@ PACKAGES = Path(__file__).parents[3] / "plugins"
 @pytest.fixture
 def install(tmp_path, monkeypatch):
     """Installs a distribution with entry points, whose module raises when it is imported."""
-    caches = (plugins.list_entry_points, plugins.load)
 
     def write(points):
-        record = tmp_path / "eigenfail_goats-1.0.dist-info"
-        record.mkdir()
-        (record / "METADATA").write_text(
-            "Metadata-Version: 2.1\nName: eigenfail-goats\nVersion: 1\n"
-        )
-        (record / "entry_points.txt").write_text(points)
+        write_record(tmp_path, "eigenfail-goats", points)
         (tmp_path / "eigenfail_goats.py").write_text('raise RuntimeError("no grass")\n')
         monkeypatch.syspath_prepend(tmp_path)
-        for each in caches:
-            each.cache_clear()
+        forget_entry_points()
 
     yield write
-    for each in caches:
-        each.cache_clear()
+    forget_entry_points()
 
 
 def find_wrong():

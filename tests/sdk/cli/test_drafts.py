@@ -2,11 +2,6 @@
 
 import json
 
-import pytest
-
-from eigenfail.cli.specs import parse_changes
-from eigenfail.errors import InvalidValue
-
 
 def test_a_check_prints_all_that_it_would_be_and_launches_nothing(check_session, spec_file, store):
     check_session("cli/check/valid", ("campaign", "check", spec_file, "--episodes", 7))
@@ -39,19 +34,3 @@ def test_what_cannot_be_is_refused(check_session, done):
     clone = ("campaign", "clone")
     wrong = ((done, "--set", "seed"), (done, "--set", "seed=-1"), (99,))
     check_session("cli/errors/clone", *((*clone, *each) for each in wrong))
-
-
-def test_values_are_read_as_what_they_look_like():
-    given = ["settings.alpha=1e2", "settings.hidden=[4, 4]", "planner=idm", "name=a=b", "seed=3"]
-    assert parse_changes(given) == {
-        "settings": {"alpha": 100.0, "hidden": [4, 4]},
-        "planner": "idm",
-        "name": "a=b",
-        "seed": 3,
-    }
-
-
-@pytest.mark.parametrize("wrong", ["", "=3", "a..b=1", "seed"])
-def test_values_without_a_field_are_refused(wrong):
-    with pytest.raises(InvalidValue, match="FIELD=VALUE"):
-        parse_changes([wrong])

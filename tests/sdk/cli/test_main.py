@@ -47,29 +47,6 @@ def test_the_version_is_printed(runner):
     assert done.output.startswith("eigenfail 0.")
 
 
-@pytest.mark.parametrize(
-    ("words", "hint"),
-    [
-        (["campain"], "campaign"),
-        (["campaign", "lst"], "list"),
-        (["episode", "list", "one"], "CAMPAIGN"),
-        (["episode", "list", "0"], "CAMPAIGN"),
-        (["campaign", "list", "--limit", "0"], "--limit"),
-        (["campaign", "list", "--state", "tired"], "queued"),
-        (["up", "--port", "70000"], "--port"),
-        (["up", "--launcher", "magic"], "ray"),
-        (["run"], "FILE.toml"),
-        (["worker"], "--connect"),
-        (["analyze", "1", "--align", "middle"], "collision"),
-        (["db", "restore"], "FILE"),
-    ],
-)
-def test_wrong_usage_exits_with_2_and_a_hint(runner, words, hint):
-    done = runner.invoke(main.app, words)
-    assert done.exit_code == 2
-    assert hint in done.stderr
-
-
 def all_errors(root):
     return [root, *(leaf for kind in root.__subclasses__() for leaf in all_errors(kind))]
 

@@ -3,6 +3,8 @@
 import sys
 
 import pytest
+from distributions import write_record
+from plugin_absence import forget_entry_points
 from typer.testing import CliRunner
 
 from eigenfail import plugins
@@ -31,12 +33,9 @@ RAISES = '"""Raise when imported."""\n\nraise RuntimeError("imported")\n'
 @pytest.fixture(autouse=True)
 def forget():
     """Has entry points read anew, before and after."""
-    caches = (plugins.list_entry_points, plugins.load)
-    for each in caches:
-        each.cache_clear()
+    forget_entry_points()
     yield
-    for each in caches:
-        each.cache_clear()
+    forget_entry_points()
     for name in [*sys.modules]:
         if name.startswith(("eigenfail_sheep", "eigenfail_goats")):
             del sys.modules[name]
@@ -52,13 +51,8 @@ def bring(tmp_path, monkeypatch):
         (folder / package).mkdir(parents=True)
         (folder / package / "__init__.py").write_text("")
         (folder / package / "commands.py").write_text(text.replace("{name}", name))
-        record = folder / f"{package}-1.0.dist-info"
-        record.mkdir()
-        (record / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1\n"
-        )
         points = f"[eigenfail.commands]\n{name} = {package}.commands:{attribute}\n"
-        (record / "entry_points.txt").write_text(points)
+        write_record(folder, distribution, points)
         monkeypatch.syspath_prepend(folder)
         return folder / package
 

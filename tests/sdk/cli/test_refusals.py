@@ -63,19 +63,6 @@ def test_an_unknown_name_keeps_the_known_ones(eigenfail, spec_file):
     assert problem["remedy"].startswith("Did you mean 'idm'?")
 
 
-def test_the_problem_is_the_last_line_behind_the_progress(eigenfail, spec_file, service):
-    spec_file.write_text(spec_file.read_text().replace("episodes = 24", "episodes = 8"))
-    done = eigenfail("run", spec_file, "--gate", "--json")
-    assert done.exit_code in {0, 1}
-    assert json.loads(done.stdout)["campaign"] == 1
-
-
-def test_the_four_exit_codes(eigenfail, spec_file, done):
-    assert eigenfail("campaign", "show", done).exit_code == 0
-    assert eigenfail("campaign", "watch", done, "--gate").exit_code == 1
-    assert eigenfail("campaign", "show", "one").exit_code == 2
-
-
 def test_trouble_with_the_service_is_exit_code_3(monkeypatch):
     from typer.testing import CliRunner
 

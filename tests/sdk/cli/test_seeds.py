@@ -1,12 +1,9 @@
 """`eigenfail run --seeds`: campaigns of one file that differ in their seeds, and their spread."""
 
 import json
-import os
-import signal
 
 import pytest
 
-from eigenfail.cli.render import INTERRUPTED
 from eigenfail.client import Client
 from eigenfail.suites import Suite
 
@@ -73,27 +70,6 @@ def test_options_of_the_campaign_hold_for_every_seed(repeat, store):
     ]
 
 
-def test_the_gate_closes_if_a_seed_found_failures(repeat):
-    assert repeat("--seeds", 2, "--gate").exit_code == 1
-
-
-def test_ctrl_c_pauses_all_and_the_same_command_goes_on(repeat, service, store):
-    class Interrupting(type(service)):
-        def run_some(self, campaign):
-            super().run_some(campaign)
-            if campaign.id == 2 and campaign.counts.completed == 0:
-                os.kill(os.getpid(), signal.SIGINT)
-
-    service.__class__, working = Interrupting, service.__class__
-    stopped = repeat("--seeds", 2, "--episodes", 48)
-    assert stopped.exit_code == INTERRUPTED
-    assert "To continue: eigenfail" in stopped.stderr
-    assert {campaign.state for campaign in store.campaigns.page(10).items} == {"paused"}
-    service.__class__ = working
-    assert repeat("--seeds", 2, "--episodes", 48).exit_code == 0
-    assert {campaign.state for campaign in store.campaigns.page(10).items} == {"done"}
-
-
 @pytest.mark.parametrize("seeds", [0, 1, 1001, "many"])
 def test_what_is_no_number_of_seeds_exits_with_2(repeat, store, seeds):
     refused = repeat("--seeds", seeds)
@@ -103,32 +79,11 @@ def test_what_is_no_number_of_seeds_exits_with_2(repeat, store, seeds):
     assert store.campaigns.page(10).items == ()
 
 
-def test_a_method_that_the_service_lacks_exits_with_2_before_anything_runs(
-    repeat, spec_file, store
-):
-    spec_file.write_text(spec_file.read_text().replace("monte_carlo", "monte_calro"))
-    refused = repeat("--seeds", 3)
-    assert refused.exit_code == 2
-    assert "Did you mean 'monte_carlo'?" in refused.stderr
-    assert store.campaigns.page(10).items == ()
-
-
 def test_seeds_beyond_the_largest_are_refused(repeat, store):
     refused = repeat("--seed", 2**63 - 1, "--seeds", 2)
     assert refused.exit_code == 2
     assert "seed" in refused.stderr
     assert store.campaigns.page(10).items == ()
-
-
-def test_a_suite_whose_members_share_no_settings_has_no_spread(eigenfail, tmp_path):
-    file = tmp_path / "pair.toml"
-    file.write_text(
-        '[base]\nmethod = "monte_carlo"\nsimulator = "point_mass"\nepisodes = 4\n'
-        '[[campaigns]]\nplanner = "idm"\nseed = 1\n[[campaigns]]\nplanner = "rulebook"\nseed = 2\n'
-    )
-    run = eigenfail("suite", "run", file)
-    assert run.exit_code == 0, run.output
-    assert "over seeds" not in run.stdout
 
 
 def test_a_suite_with_seeds_per_variant_has_a_row_for_each(eigenfail, tmp_path):

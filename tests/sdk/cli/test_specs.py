@@ -34,54 +34,10 @@ def test_options_take_the_place_of_the_file(write):
     assert (spec.name, spec.episodes, spec.seed) == ("mine", 9, 3)
 
 
-def test_an_unknown_field_is_refused_with_the_known_names(write):
-    with pytest.raises(UnknownName) as caught:
-        read_spec(write('method = "ast"\nepsiodes = 7'))
-    assert "wanted.toml: 'epsiodes' is not known. Did you mean 'episodes'?" in str(caught.value)
-    assert "planner_settings" in str(caught.value)
-
-
-def test_an_unknown_field_of_the_disturbance_model_is_refused_with_the_known_names(write):
-    with pytest.raises(UnknownName, match=r"disturbance: 'sigma' is not known.*lateral_base_m"):
-        read_spec(write('method = "ast"\nepisodes = 7\n[disturbance]\nsigma = 1.0'))
-
-
-def shaped(*lines):
-    return "\n".join(['method = "ast"', "episodes = 7", "[disturbance.shape]", *lines])
-
-
 def test_a_file_names_the_shape_of_the_noise(write):
-    text = shaped('kind = "ar1"', "lateral_correlation = 0.5")
+    shape = '[disturbance.shape]\nkind = "ar1"\nlateral_correlation = 0.5'
+    text = f'method = "ast"\nepisodes = 7\n{shape}'
     assert read_spec(write(text)).disturbance.shape == Correlated(0.8, 0.5)
-
-
-def test_an_unknown_shape_is_refused_with_the_known_kinds(write):
-    with pytest.raises(UnknownName) as caught:
-        read_spec(write(shaped('kind = "ar2"')))
-    assert "wanted.toml: disturbance.shape.kind: 'ar2' is not known." in str(caught.value)
-    assert "Did you mean 'ar1'? Known: ar1, student_t, white." in str(caught.value)
-
-
-def test_an_unknown_field_of_a_shape_is_refused_with_the_known_names(write):
-    with pytest.raises(UnknownName, match=r"disturbance\.shape: 'phi'.*longitudinal_correlation"):
-        read_spec(write(shaped('kind = "ar1"', "phi = 0.5")))
-    with pytest.raises(UnknownName, match=r"shape: 'phi' is not known\. Known: kind\."):
-        read_spec(write(shaped('kind = "white"', "phi = 0.5")))
-
-
-@pytest.mark.parametrize(
-    ("lines", "field"),
-    [
-        (['kind = "ar1"', "lateral_correlation = 1.0"], "shape.lateral_correlation"),
-        (['kind = "student_t"', "degrees_of_freedom = 2"], "shape.degrees_of_freedom"),
-        (["lateral_correlation = 0.5"], "shape.kind: is required"),
-        (["kind = 3"], "shape.kind"),
-    ],
-)
-def test_a_shape_outside_its_bounds_is_refused_by_field(write, lines, field):
-    with pytest.raises(InvalidValue) as caught:
-        read_spec(write(shaped(*lines)))
-    assert f"wanted.toml: disturbance.{field}" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -90,14 +46,10 @@ def test_a_shape_outside_its_bounds_is_refused_by_field(write, lines, field):
         ("episodes = 7", "method"),
         ('method = "ast"', "episodes"),
         ('method = "ast"\nepisodes = 0', "episodes"),
-        ('method = "ast"\nepisodes = -1', "episodes"),
-        ('method = "ast"\nepisodes = 1000000000000', "episodes"),
         ('method = "ast"\nepisodes = nan', "episodes"),
         ('method = "ast"\nepisodes = "many"', "episodes"),
-        ('method = "ast"\nepisodes = 1\nprice_usd_per_hour = -1.0', "price_usd_per_hour"),
         ('method = "ast"\nepisodes = 1\n[disturbance]\nlateral_base_m = 0.0', "lateral_base_m"),
         ('method = "ast"\nepisodes = 1\ndisturbance = 3', "disturbance"),
-        ('method = "ast"\nepisodes = 1\n[disturbance]\nscale = 0.0', "disturbance.scale"),
         ('method = "ast"\nepisodes = 1\n[disturbance]\nshape = "ar1"', "disturbance.shape"),
     ],
 )
@@ -129,20 +81,8 @@ def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path):
     [
         ('method = "asd"\nepisodes = 1', "method: 'asd' is not known. Did you mean 'ast'?"),
         (
-            'method = "ast"\nepisodes = 1\nplanner = "rules"',
-            "planner: 'rules' is not known. Did you mean 'rulebook'?",
-        ),
-        (
-            'method = "ast"\nepisodes = 1\nscenario = "cut_out"',
-            "scenario: 'cut_out' is not known. Did you mean 'cut_in'?",
-        ),
-        (
             'method = "ast"\nepisodes = 1\n[settings]\nalfa = 1.0',
             "settings: 'alfa' is not known. Did you mean 'alpha'?",
-        ),
-        (
-            'method = "ast"\nepisodes = 1\n[scenario_parameters]\ndistance = 60.0',
-            "scenario_parameters: 'distance' is not known. Did you mean 'distance_m'?",
         ),
     ],
 )
@@ -168,13 +108,6 @@ def test_options_take_the_place_of_single_stop_rules(write):
     assert again.stop == StopRules(failures=10, cv=0.2, wall_s=60.0)
 
 
-def test_an_unknown_stop_rule_is_refused_with_the_known_ones(write):
-    with pytest.raises(
-        UnknownName, match=r"wanted\.toml: stop: 'failure' is not known.*half_width"
-    ):
-        read_spec(write(STOPPING + "failure = 3"))
-
-
 @pytest.mark.parametrize("given", [{}, {"failures": 1}])
 def test_stop_rules_are_a_table(write, given):
     with pytest.raises(InvalidValue, match=r"wanted\.toml.*stop"):
@@ -184,22 +117,6 @@ def test_stop_rules_are_a_table(write, given):
 def test_a_stop_rule_of_an_option_has_bounds_too(write):
     with pytest.raises(InvalidValue, match=r"wanted\.toml: stop\.half_width"):
         read_spec(write('method = "ast"\nepisodes = 7'), {"half_width": 0.7})
-
-
-VARIED = 'method = "ast"\nepisodes = 1\n[scenario_parameters]\ndistance_m = '
-
-
-def test_parameters_may_be_distributions(write):
-    check_plugins(read_spec(write(VARIED + "{ uniform = [52, 70] }")))
-    check_plugins(read_spec(write(VARIED + "{ choice = [55.0, 60.0] }")))
-    with pytest.raises(InvalidValue, match=r"distance_m: 71 is not a number from"):
-        check_plugins(read_spec(write(VARIED + "{ uniform = [52, 71] }")))
-    check_plugins(read_spec(write(VARIED + "{ normal = [58, 1], within = [55, 61] }")))
-    with pytest.raises(InvalidValue, match=r"distance_m.within: is required"):
-        check_plugins(read_spec(write(VARIED + "{ normal = [58, 1] }")))
-    known = "choice, empirical, normal, uniform"
-    with pytest.raises(UnknownName, match=rf"'gamma' is not known.*Known: {known}"):
-        check_plugins(read_spec(write(VARIED + "{ gamma = [58, 1] }")))
 
 
 def test_a_suite_is_named_as_one_with_the_command_that_runs_it(write):

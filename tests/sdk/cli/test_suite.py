@@ -22,10 +22,6 @@ def suite_file(tmp_path):
     return file
 
 
-def rows(printed):
-    return [line.split() for line in printed.splitlines()[2:]]
-
-
 def test_a_suite_is_run_and_shown_as_one_table(check_session, eigenfail, suite_file):
     run = ("suite", "run", suite_file)
     check_session("cli/suite/run", run, ("suite", "list"), ("suite", "show", "seeds"))
@@ -41,13 +37,6 @@ def test_a_suite_with_an_errored_member_exits_with_3_and_says_why(check_session,
     grid = suite_file.read_text().replace('planner = "idm"\n', "").replace("[1, 2, 3]", "[1]")
     suite_file.write_text(f'{grid}planner = ["idm", "test_raises"]\n')
     check_session("cli/suite/errored", ("suite", "run", suite_file), ("suite", "list"))
-
-
-def test_run_again_it_does_nothing_twice(eigenfail, suite_file, store):
-    first = eigenfail("suite", "run", suite_file, "--json")
-    again = eigenfail("suite", "run", suite_file, "--json")
-    assert first.stdout == again.stdout
-    assert len(store.campaigns.page(10).items) == 3
 
 
 def test_a_client_that_was_killed_goes_on(eigenfail, suite_file, service, store):
@@ -121,25 +110,6 @@ def test_a_member_runs_behind_the_one_that_it_names(check_session, eigenfail, su
     assert store.campaigns.get(2).spec.settings["campaign"] == 1
     eigenfail("suite", "run", suite_file)
     assert len(store.campaigns.page(10).items) == 2
-
-
-def test_before_what_it_names_is_done_a_member_has_no_campaign(
-    eigenfail, suite_file, service, store
-):
-    class Interrupting(type(service)):
-        def run_some(self, campaign):
-            super().run_some(campaign)
-            os.kill(os.getpid(), signal.SIGINT)
-
-    suite_file.write_text(CHAIN)
-    service.__class__, working = Interrupting, service.__class__
-    stopped = eigenfail("suite", "run", suite_file)
-    assert stopped.exit_code == INTERRUPTED
-    assert [campaign.spec.method for campaign in store.campaigns.page(10).items] == ["monte_carlo"]
-    assert rows(eigenfail("suite", "show", suite_file).stdout)[0] == ["again", *"–" * 10]
-    service.__class__ = working
-    assert eigenfail("suite", "run", suite_file).exit_code == 0
-    assert [campaign.state for campaign in store.campaigns.page(10).items] == ["done"] * 2
 
 
 def test_the_gate_closes_if_any_member_found_failures(eigenfail, suite_file):

@@ -9,6 +9,7 @@ import httpx2
 import msgspec
 import numpy as np
 import pytest
+from example_values import make_row
 from store_checks.examples import deliver, result, running
 
 from eigenfail.client import Client, references
@@ -26,9 +27,8 @@ from eigenfail.client.references import (
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.values.access import UNLIMITED, ApiKey, NewKey, Scope
 from eigenfail.values.analysis import Mode
-from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import Event
-from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.records import EpisodeDetail
 
 MODE = Mode(5, 2, 30, "hard braking")
 KEY = ApiKey(id=4, name="ci", scope=Scope.VIEWER, created_ms=0, quotas=UNLIMITED)
@@ -171,35 +171,16 @@ def ask(resource, name, *things, by_name=False):
     return listener.heard
 
 
-def make_row():
-    return EpisodeRow(
-        campaign=7,
-        index=3,
-        seed=5,
-        outcome=Outcome.COLLISION,
-        steps=4,
-        source="prior",
-        worker="w",
-        robustness_m=0.0,
-        log_probability=-8.0,
-        severity=9.0,
-        min_ttc_s=None,
-        max_drac_mps2=None,
-        wall_s=0.1,
-        finished_ms=7,
-        digest="d",
-        has_scene=True,
-    )
+ROW = make_row(3, campaign=7)
 
 
 @pytest.mark.parametrize("method", list_methods("index", "episode"))
 @pytest.mark.parametrize("by_name", [False, True])
 def test_an_episode_stands_for_campaign_and_index_in_every_method(method, by_name):
-    row = make_row()
     asked = ask(*method, 7, 3)
     assert len(asked) == 1
     assert b"/campaigns/7/episodes/3" in asked[0][1]
-    assert ask(*method, row, by_name=by_name) == ask(*method, 7, row) == asked
+    assert ask(*method, ROW, by_name=by_name) == ask(*method, 7, ROW) == asked
 
 
 @pytest.mark.parametrize("method", list_methods("mode"))
@@ -220,7 +201,7 @@ def test_every_method_on_one_thing_is_among_those_tried():
 @pytest.mark.parametrize(
     ("call", "field"),
     [
-        (lambda client: client.episodes.export_recording(make_row()), "path"),
+        (lambda client: client.episodes.export_recording(ROW), "path"),
         (lambda client: client.episodes.export_recording(7, 3), "path"),
         (lambda client: client.episodes.export_recording(7, "x.gif"), "index"),
         (lambda client: client.episodes.export_recording(7, 3, 5), "path"),

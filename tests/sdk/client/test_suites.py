@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.errors import NotFound, UnknownName, WaitTimeout
+from eigenfail.errors import WaitTimeout
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -188,13 +188,6 @@ def test_summaries_come_in_the_order_of_the_members(client, suite):
     assert [summary and summary.campaign for summary in found] == [2, None, 1]
 
 
-def test_what_the_service_refuses_is_raised(client, suite):
-    (member,) = suite(1).members
-    wrong = CampaignSpec(**{**asdict(member.spec), "planner": "rulebok"})
-    with pytest.raises(UnknownName, match="rulebook"):
-        client.suites.create(Suite("trio", (SuiteMember("x", wrong),)))
-
-
 def test_only_campaigns_of_the_suite_are_asked_for(client, suite, fields, store, monkeypatch):
     client.suites.create(suite(1, 2))
     client.campaigns.create(**fields)
@@ -216,20 +209,6 @@ def test_a_suite_whose_name_has_a_colon_is_found(client, suite):
     spec = CampaignSpec(**{**asdict(member.spec), "name": "mine: trio: seed=1"})
     colons = Suite("mine: trio", (SuiteMember("seed=1", spec),))
     assert ids(client.suites.create(colons)) == ids(client.suites.find(colons)) == [1]
-
-
-def test_suites_are_listed_and_told_by_their_names(client, suite):
-    client.suites.create(suite(1, 2))
-    (listed,) = client.suites.list()
-    assert (listed.name, listed.campaigns, listed.states) == ("trio", 2, {"queued": 2})
-    table = client.suites.table("trio")
-    assert table.columns == ("seed",)
-    assert [(row.member, row.campaign, row.settings) for row in table.members] == [
-        ("seed=1", 1, {"seed": 1}),
-        ("seed=2", 2, {"seed": 2}),
-    ]
-    with pytest.raises(NotFound, match="No campaign belongs to a suite 'duo'"):
-        client.suites.table("duo")
 
 
 @pytest.mark.parametrize("name", ["feature/a @ v1", "50 % #?&", "σ ✓"])

@@ -4,7 +4,7 @@ import httpx2
 import pytest
 from store_checks.modes import analysed, crashed
 
-from eigenfail.errors import InvalidValue, NotFound, UnknownName
+from eigenfail.errors import InvalidValue
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.triage import Triage, TriageState
 
@@ -48,16 +48,3 @@ def test_what_names_nothing_reaches_no_address(scripted, given):
         with pytest.raises(InvalidValue):
             call()
     assert not asked
-
-
-def test_what_cannot_be_is_refused(client, analysis):
-    triage = client.triage
-    with pytest.raises(InvalidValue, match="ticket"):
-        triage.change_mode(analysis, 1, ticket="javascript:alert(1)")
-    with pytest.raises(InvalidValue, match="state"):
-        triage.change_mode(analysis, 1, state="maybe")
-    with pytest.raises(UnknownName, match="staet"):
-        triage.change_mode(analysis, 1, staet="known")
-    with pytest.raises(NotFound):
-        triage.change_mode(analysis, 3, note="none")
-    assert triage.get_mode(analysis, 1) == Triage()

@@ -1,12 +1,12 @@
 """Campaigns and episodes as a service tells of them, made by hand."""
 
 import pytest
+from example_values import make_row
 
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values.campaign import Campaign, CampaignState, Counts
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
-from eigenfail.values.records import EpisodeRow
 
 
 @pytest.fixture
@@ -36,24 +36,7 @@ def row():
     """Makes an episode in a list."""
 
     def make(index, outcome=Outcome.COLLISION, campaign=2, log_probability=-1.0, problem=""):
-        return EpisodeRow(
-            campaign=campaign,
-            index=index,
-            seed=index,
-            outcome=outcome,
-            steps=10,
-            source="prior",
-            worker="w",
-            robustness_m=0.0,
-            log_probability=log_probability,
-            severity=None,
-            min_ttc_s=None,
-            max_drac_mps2=None,
-            wall_s=0.5,
-            finished_ms=0,
-            digest="",
-            has_scene=False,
-            problem=problem,
-        )
+        fields = {"campaign": campaign, "log_probability": log_probability, "problem": problem}
+        return make_row(index, outcome, **fields)
 
     return make

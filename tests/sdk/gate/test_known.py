@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from example_values import make_findings
 from msgspec.structs import replace
 
 from eigenfail.gate.known import (
@@ -14,7 +15,6 @@ from eigenfail.gate.known import (
 from eigenfail.suites import SuiteMember
 from eigenfail.values.analysis import (
     Analysis,
-    AnalysisResult,
     AnalysisSettings,
     AnalysisState,
     FailureMode,
@@ -27,18 +27,7 @@ from eigenfail.values.episode import Outcome
 def analysis():
     """Three modes whose medoids are the episodes 4, 7 and 9."""
     modes = tuple(FailureMode(2, medoid, np.zeros(1), np.zeros((3, 2))) for medoid in (4, 7, 9))
-    nothing = np.zeros(0)
-    result = AnalysisResult(
-        episodes=(),
-        explained=nothing,
-        components=nothing,
-        scores=nothing,
-        labels=(),
-        modes=modes,
-        influence=nothing,
-        silhouette=None,
-        noise_silhouette=None,
-    )
+    result = make_findings(modes=modes)
     return Analysis(5, 1, AnalysisSettings(), AnalysisState.DONE, 0, result)
 
 

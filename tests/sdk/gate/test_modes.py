@@ -5,13 +5,13 @@ from math import comb
 
 import numpy as np
 import pytest
+from example_values import NOTHING, make_findings
 
 from eigenfail.gate.known import add_modes, bound_probability, find_new_modes, needs_modes
 from eigenfail.gate.reruns import JudgedBy, Rerun, RerunFigures, RerunSide
 from eigenfail.gate.verdicts import GateVerdict, RunOutcomes
 from eigenfail.values.analysis import (
     Analysis,
-    AnalysisResult,
     AnalysisSettings,
     AnalysisState,
     FailureMode,
@@ -32,17 +32,13 @@ def together(before, now, silhouette=0.6, scores=None):
         for mode, count in enumerate(counts)
         for _ in range(count)
     ]
-    nothing = np.zeros((0, 2), np.float32)
     centre = np.zeros(1, np.float32)
-    return AnalysisResult(
+    return make_findings(
         episodes=tuple(range(100, 100 + len(failures))),
-        explained=np.ones(1, np.float32),
-        components=nothing[None],
         scores=np.array(scores if scores is not None else [0.0] * len(failures))[:, None],
         labels=tuple(mode for _, mode in failures),
         campaigns=tuple(campaign for campaign, _ in failures),
-        modes=tuple(FailureMode(1, 0, centre, nothing) for _ in before),
-        influence=nothing,
+        modes=tuple(FailureMode(1, 0, centre, NOTHING) for _ in before),
         silhouette=silhouette,
         noise_silhouette=0.3,
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from example_values import NOTHING, make_findings
 from msgspec.structs import replace
 
 from eigenfail.presentation import analyses
@@ -14,7 +15,6 @@ from eigenfail.presentation.episodes import list_episode_facts, list_measures, t
 from eigenfail.testing.examples import spec
 from eigenfail.values.analysis import (
     AnalysedCampaign,
-    AnalysisResult,
     Behaviour,
     Diversity,
     FailureMode,
@@ -33,7 +33,6 @@ from eigenfail.values.records import Assessment, EpisodeDetail
 from eigenfail.values.summary import CampaignCost, Course, Errored, TimeSplit
 from eigenfail_api.dashboard.scene import find_moments
 
-NONE = np.zeros((0, 2), np.float32)
 SAMPLED = Rate(0.25, 25, 100, Interval(0.175, 0.343))
 
 
@@ -53,29 +52,28 @@ def share_of(seconds, time, longitudinal, lateral, both):
 
 def analysis(**fields):
     mode = FailureMode(
-        12, 3, NONE, NONE, probability=Estimate(by="counting", episodes=9, problem="It drifted.")
+        12,
+        3,
+        NOTHING,
+        NOTHING,
+        probability=Estimate(by="counting", episodes=9, problem="It drifted."),
     )
     bound = FailureMode(
         4,
         5,
-        NONE,
-        NONE,
+        NOTHING,
+        NOTHING,
         probability=Estimate(
             by="weights", episodes=9, probability=1e-4, bound="lower", note="One region."
         ),
     )
-    return AnalysisResult(
-        episodes=(1, 2, 3),
-        explained=NONE[:0, 0],
-        components=NONE,
-        scores=NONE,
-        labels=(0, 0, 1),
-        modes=(mode, bound),
-        influence=NONE,
-        silhouette=0.5,
-        noise_silhouette=0.2,
-        **fields,
-    )
+    given = {
+        "episodes": (1, 2, 3),
+        "modes": (mode, bound),
+        "silhouette": 0.5,
+        "noise_silhouette": 0.2,
+    }
+    return make_findings(**given | fields)
 
 
 def test_remarks_on_an_analysis_tell_what_limits_it():
@@ -137,7 +135,7 @@ def test_what_failures_are_grouped_by_is_told():
         "the energy of their noise in windows of 0.5 s"
     )
     for origin, words in (("collision", "before the collision"), ("start", "from the start on")):
-        behaviour = Behaviour(origin, NONE, NONE, NONE, ())
+        behaviour = Behaviour(origin, NOTHING, NOTHING, NOTHING, ())
         found = analyses.describe_grouping(analysis(features="behaviour", behaviour=behaviour))
         assert found == f"the acceleration of the ego {words}"
 
@@ -163,7 +161,7 @@ def test_tables_and_findings_have_the_names_of_the_channels(count):
         both=0.5,
         channels=(None,) * (count - 1) + (0.25,),
     )
-    mode = FailureMode(3, 1, NONE, z)
+    mode = FailureMode(3, 1, NOTHING, z)
     found = replace(
         analysis(moments=(moment(channels[-1], 4, None),), before_collision=(share,)),
         channels=channels,

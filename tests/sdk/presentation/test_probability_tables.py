@@ -127,14 +127,6 @@ def test_a_campaigns_facts_say_how_many_episodes_were_trained_with():
     assert "trained with" not in text(list_campaign_facts(campaign()))
 
 
-def test_what_varies_in_the_scenario_stands_in_words():
-    parameters = {"distance_m": {"uniform": [53, 63]}, "actor_speed_mps": 14.0}
-    found = campaign()
-    spec = msgspec.structs.replace(found.spec, scenario_parameters=parameters)
-    shown = text(list_campaign_facts(msgspec.structs.replace(found, spec=spec)))
-    assert "cut_in distance_m = uniform 53 … 63, actor_speed_mps = 14.0" in shown
-
-
 def test_a_campaigns_facts_say_why_there_is_no_probability():
     shown = text(list_campaign_facts(campaign(REFUSED)))
     assert "unknown, importance sampling" in shown

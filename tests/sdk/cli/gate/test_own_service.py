@@ -7,12 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from distributions import write_record
 
 EIGENFAIL = Path(sys.executable).parent / "eigenfail"
-DIST_INFO = {
-    "METADATA": "Metadata-Version: 2.1\nName: gated-planner\nVersion: 1.0\n",
-    "entry_points.txt": "[eigenfail.planners]\ngated = gated_planner:Planner\n",
-}
 PLANNER = (
     "from eigenfail_workers.planners.idm import *\n\n\nclass Planner(IntelligentDriver):\n    {}\n"
 )
@@ -21,10 +18,8 @@ BLIND = "def _leads(self, ego, other):\n        return False"
 
 @pytest.mark.service
 def test_with_a_service_of_its_own_changed_code_is_seen_and_judged(tmp_path):
-    info = tmp_path / "gated_planner-1.0.dist-info"
-    info.mkdir()
-    for name, text in DIST_INFO.items():
-        (info / name).write_text(text)
+    points = "[eigenfail.planners]\ngated = gated_planner:Planner\n"
+    write_record(tmp_path, "gated-planner", points)
     code = tmp_path / "gated_planner.py"
     suite = tmp_path / "suite.toml"
     suite.write_text(
