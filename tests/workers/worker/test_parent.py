@@ -154,19 +154,6 @@ def test_a_dropped_campaign_is_not_run_on(hub, parent) -> None:
     assert len(indices) < 60
 
 
-def test_goodbye_is_obeyed_and_answered(hub, parent) -> None:
-    hub.say(messages.Goodbye())
-    assert hub.hear(messages.Goodbye)
-
-
-def test_a_campaign_dropped_while_its_episode_hangs_is_nobodys_trouble(hub, impatient) -> None:
-    hub.say(setup("test_hangs"), lease(0, 1))
-    while hub.hear(messages.Heartbeat).running != 0:
-        pass
-    hub.say(messages.Drop(1), setup("idm"), lease(7))
-    assert [r.index for r in hub.hear(messages.Results).results] == [7]
-
-
 def test_an_episode_that_hangs_is_tried_anew_when_leased_again_after_its_campaign_was_dropped(
     hub, impatient
 ) -> None:
