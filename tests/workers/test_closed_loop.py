@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail.errors import PlannerError, SimulatorError
+from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values.disturbance import POSITION
 from eigenfail.values.scene import Control, Mission, Perception, VehicleState
 from eigenfail_workers.closed_loop import DrivenSimulation, validate_control
@@ -91,6 +91,11 @@ def test_the_planner_cannot_write_into_what_it_is_shown(small_cut_in: Any) -> No
     ):
         with pytest.raises(AttributeError):
             setattr(value, field, 0.0)
+
+
+def test_a_start_in_a_collision_is_the_inputs_fault(small_cut_in: Any) -> None:
+    with pytest.raises(InvalidValue, match="starts in a collision"):
+        loop(small_cut_in, Watcher(), CRASHED).reset(0)
 
 
 def test_a_planner_that_cannot_be_reset_is_blamed(small_cut_in: Any) -> None:
