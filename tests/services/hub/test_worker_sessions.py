@@ -18,6 +18,7 @@ from eigenfail.wire.messages import (
     Ack,
     BridgeReport,
     Drop,
+    Goodbye,
     Heartbeat,
     Hello,
     Holding,
@@ -103,6 +104,16 @@ class Room:
 @pytest.fixture
 def room() -> Room:
     return Room()
+
+
+def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
+    room.join(b"a")
+    room.offer(0)
+    room.sessions.handle(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
+    room.sessions.handle(b"a", encode(Goodbye()))
+    room.join(b"b")
+    room.assign()
+    assert room.said_to(b"b") == [Welcome, Setup, Lease]
 
 
 OURS = versions()["eigenfail"]
