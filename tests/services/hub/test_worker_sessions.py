@@ -106,6 +106,11 @@ def room() -> Room:
     return Room()
 
 
+def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
+    room.sessions.handle(b"x", encode(Heartbeat()))
+    assert room.said_to(b"x") == [Refusal]
+
+
 def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
     room.join(b"a")
     room.offer(0)
