@@ -36,6 +36,7 @@ from eigenfail_services.hub import worker_sessions
 from eigenfail_services.hub.commits import CommitQueue
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.worker_sessions import WorkerSessions
+from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
 
 SPEC = CampaignSpec(name="t", method="monte_carlo", episodes=9)
 LAYER = Layer(np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
@@ -318,6 +319,20 @@ def test_what_a_worker_holds_waits_for_its_round_and_stays_with_it(room: Room) -
     room.offer(0, 1, 2, 3, 4)
     assert set(room.leases.sessions[b"a"].held) >= {(1, 0), (1, 1), (1, 2)}
     assert sorted([*room.leased_to(b"a"), *room.leased_to(b"b")]) == [3, 4]
+
+
+def test_it_is_free_again_when_it_is_no_longer_named(room: Room) -> None:
+    room.join(b"a", holdings=(held(0), held(1)))
+    room.offer(0, 1)
+    for _ in range(MAX_UNNAMED_HEARTBEATS):
+        room.join(b"b")
+        room.assign()
+        assert room.leased_to(b"b") == []
+        room.sessions.handle(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
+    room.sessions.handle(b"b", encode(Goodbye()))
+    room.join(b"c")
+    room.assign()
+    assert room.leased_to(b"a") + room.leased_to(b"c") == [1]
 
 
 @pytest.mark.fault(
