@@ -11,8 +11,6 @@ sys.path.append(str(Path(__file__).parent))
 
 from stage import Stage
 
-from eigenfail_services.store.store import open_store
-
 
 @pytest.fixture(scope="package", autouse=True)
 def interpreted() -> Iterator[None]:
@@ -22,28 +20,20 @@ def interpreted() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
-def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database file with the schema and nothing else; copying it is quicker than migrating."""
-    path = tmp_path_factory.mktemp("template") / "empty.db"
-    open_store(f"sqlite:///{path}").close()
-    return path
-
-
 @pytest.fixture
-def stage(template: Path, tmp_path: Path) -> Iterator[Stage]:
+def stage(sqlite_template: Path, tmp_path: Path) -> Iterator[Stage]:
     """An empty SQLite database, and whatever is started on it."""
-    shutil.copy(template, tmp_path / "eigenfail.db")
+    shutil.copy(sqlite_template, tmp_path / "eigenfail.db")
     stage = Stage(f"sqlite:///{tmp_path / 'eigenfail.db'}", tmp_path)
     yield stage
     stage.end()
 
 
 @pytest.fixture(scope="session")
-def undisturbed(template: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def undisturbed(sqlite_template: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The digests of the campaigns of `Stage.launch` on a day on which nothing dies."""
     folder = tmp_path_factory.mktemp("calm")
-    shutil.copy(template, folder / "eigenfail.db")
+    shutil.copy(sqlite_template, folder / "eigenfail.db")
     calm = Stage(f"sqlite:///{folder / 'eigenfail.db'}", folder)
     try:
         calm.services()

@@ -76,14 +76,14 @@ class Life(NamedTuple):
 
 
 @pytest.fixture
-def live(template: Path, tmp_path: Path) -> Callable[..., Life]:
+def live(sqlite_template: Path, tmp_path: Path) -> Callable[..., Life]:
     """Lets a process commit results, one after the other, and tells what it did."""
 
     def live(*synchronous: str) -> Life:
         folder, image, log = (tmp_path / name for name in ("now", "before", "log"))
         words = recorder(log)
         folder.mkdir()
-        shutil.copy(template, folder / FILE)
+        shutil.copy(sqlite_template, folder / FILE)
         shutil.copytree(folder, image)
         command = [*words, sys.executable, "-c", COMMIT, str(folder / FILE), *synchronous]
         subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)

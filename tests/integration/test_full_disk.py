@@ -11,6 +11,7 @@ import deadlines
 import httpx2
 import psutil
 import pytest
+from small_disks import fill, mount_small_disk
 
 from eigenfail.client import Client
 from eigenfail.hosting.folder import DataFolder
@@ -23,7 +24,6 @@ pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 PATIENCE_S = deadlines.CAMPAIGN_S
 ROOM = "12m"
 FIELDS = {"name": "full", "method": "monte_carlo", "planner": "idm", "episodes": 300, "seed": 5}
-BLOCK = b"\0" * 65_536
 
 
 @pytest.fixture
@@ -31,15 +31,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A file system of its own with little room."""
     folder = tmp_path / "data"
     folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", f"size={ROOM}", "tmpfs", str(folder)]
-    try:
-        subprocess.run(command, check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no file system can be mounted here")
-    try:
+    with mount_small_disk(folder, ROOM):
         yield folder
-    finally:  # lazily: who was killed may hold a file of it open for a moment
-        subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def until(done: Callable[[], bool], service: LocalService) -> None:
@@ -48,17 +41,6 @@ def until(done: Callable[[], bool], service: LocalService) -> None:
         service.check()
         assert time.monotonic() < deadline_s
         time.sleep(0.02)
-
-
-def fill(file: Path) -> None:
-    """Take all the room that is left, to the last byte."""
-    with file.open("ab", buffering=0) as stream:
-        for block in (BLOCK, BLOCK[:4096], b"\0"):
-            try:
-                while stream.write(block):
-                    pass
-            except OSError:
-                continue
 
 
 @pytest.mark.fault(

@@ -81,8 +81,9 @@ def test_episodes_are_listed_and_exported_with_each_requirement(client, failing,
     assert values == sorted(row.requirements[1] for row in rows)
 
 
-def test_violations_of_each_are_counted(client, failing) -> None:
+def test_violations_of_each_are_counted_beside_collisions(client, failing) -> None:
     found = client.campaigns.safety(failing.id)
+    assert found.failures.k == failing.counts.failures > found.collisions.k > 0
     assert [each.name for each in found.requirements] == [
         "no_collision",
         "time_headway",
@@ -135,30 +136,6 @@ def test_pages_tell_the_requirements(client, failing) -> None:
         assert all(each in text for each in words), path
 
 
-def test_violations_are_counted_beside_collisions(client, failing) -> None:
-    found = client.campaigns.safety(failing.id)
-    assert found.failures.k == failing.counts.failures > found.collisions.k > 0
-
-
-def test_an_importance_leads_a_search_and_changes_no_verdict(client, lasting_worker) -> None:
-    plain = wait_until_done(client, create(client, "monte_carlo", 30, {}))
-    led = wait_until_done(
-        client,
-        create(
-            client,
-            "monte_carlo",
-            30,
-            {},
-            importance={"kind": "measure", "measure": "max_drac_mps2", "at_most": 7.0},
-        ),
-    )
-    assert led.counts == plain.counts
-    assert (
-        client.campaigns.safety(led.id).requirements
-        == client.campaigns.safety(plain.id).requirements
-    )
-
-
 def test_with_an_importance_alone_failures_are_collisions_and_can_be_aligned_there(
     client, lasting_worker
 ) -> None:
@@ -176,20 +153,6 @@ def test_with_an_importance_alone_failures_are_collisions_and_can_be_aligned_the
     found = client.analyses.wait(client.analyses.create(led.id, align="collision").id)
     assert found.state is AnalysisState.DONE, found.problem
     assert found.result.before_collision
-
-
-def test_the_one_that_is_always_there_changes_nothing(client, lasting_worker) -> None:
-    named = wait_until_done(
-        client, create(client, "monte_carlo", 10, {}, ({"kind": "no_collision"},))
-    )
-    plain = wait_until_done(
-        client,
-        client.campaigns.create(
-            name="plain", method="monte_carlo", episodes=10, seed=5, planner="idm"
-        ),
-    )
-    assert named.spec.named_requirements == ()
-    assert named.digest == plain.digest
 
 
 @pytest.mark.parametrize(

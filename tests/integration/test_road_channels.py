@@ -8,7 +8,7 @@ from pyarrow import parquet
 from short_searches import SEARCHES, wait_until_done
 
 from eigenfail.client import Client
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.errors import InvalidValue
 from eigenfail.suites import Suite
 from eigenfail.values.analysis import AnalysisState
 from eigenfail.values.disturbance import list_noise
@@ -117,24 +117,6 @@ def test_failures_are_grouped_in_all_channels_or_in_one(client, failing) -> None
     assert alone.state is AnalysisState.DONE, alone.problem
     page = httpx2.get(f"{client.url}/analyses/{joint.id}").raise_for_status().text
     assert "missed" in page.lower()
-
-
-@pytest.mark.parametrize(
-    ("channel", "kind", "words"),
-    [
-        ({"name": "vehicle_2.speed"}, UnknownName, "vehicle_1.speed"),
-        ({"name": "sped"}, UnknownName, "Did you mean 'speed'"),
-        ({"name": "scenario.ego_speed_mps"}, UnknownName, "scenario.distance_m"),
-        ({"name": "scenario.distance_m", "sigma": 1.0}, InvalidValue, "its distribution from"),
-        ({"name": "swapped"}, InvalidValue, "two vehicles"),
-        ({"name": "missed", "sigma": 1.0}, InvalidValue, "no standard deviation"),
-        ({"name": "speed", "shape": {"kind": "markov"}}, InvalidValue, "white, ar1, student_t"),
-    ],
-)
-def test_what_cannot_be_is_refused(client, channel, kind, words) -> None:
-    with pytest.raises(kind, match=words) as refused:
-        create(client, (channel,), "held", 5, {})
-    assert refused.value.field.startswith("disturbance.channels[0]")
 
 
 def test_a_suite_finds_its_campaigns_again(client, lasting_worker, tmp_path) -> None:

@@ -1,12 +1,10 @@
 """What the machines and the bent messages found, each held fast by itself."""
 
-from types import SimpleNamespace
-
 import msgspec
 import pytest
-from accepted import accept_spec
-from benchmarks.faults.fake_services import LAYER, context_of, fake_hub, fake_learners, quiet
+from benchmarks.faults.fake_services import LAYER, fake_learners, quiet
 from benchmarks.faults.fake_worker import FakeWorker
+from hub_room import Room, leased
 
 from eigenfail.errors import ProtocolError
 from eigenfail.testing.examples import result, spec
@@ -26,47 +24,23 @@ from eigenfail.wire.messages import (
     read_hub_message,
     read_worker_message,
 )
-from eigenfail_services.hub import commits, worker_sessions
 from eigenfail_services.hub.commits import MAX_DEATHS
 from eigenfail_services.hub.leases import Leases
-from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.worker_table import MAX_UNNAMED_HEARTBEATS
-from eigenfail_services.store.store import open_store
 
 SETUP = spec().setup()
 TASK = EpisodeTask(0, 100, PriorSource())
 
 
-class Room:
-    """A hub that runs one campaign of three episodes, its clock, and one learner."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, learners: list) -> None:
-        self.now_s, self.learners = 100.0, learners
-        clock = SimpleNamespace(monotonic=lambda: self.now_s)
-        monkeypatch.setattr(worker_sessions, "time", clock)
-        monkeypatch.setattr(commits, "time", clock)
-        self.store = open_store("memory://")
-        self.hub, self.router = fake_hub(self.store)
-        self.campaign = self.store.campaigns.create(accept_spec(spec(episodes=3))).id
-        self.hub.launch(RunSpec(self.campaign, SETUP, "monte_carlo", {}, 0, context_of(3)))
-
-    def say(self, *messages: Message, by: bytes = b"w") -> list[Message]:
-        """What the hub answers to a worker in the same turn, and a second later."""
-        self.router.inbox.extend([by, encode(message)] for message in messages)
-        self.now_s += 1.0
-        self.hub.turn()
-        said = [read_hub_message(data) for to, data in self.router.outbox if to == by]
-        self.router.outbox.clear()
-        return said
-
-    def leased(self, said: list[Message]) -> list[int]:
-        return [task.index for one in said if isinstance(one, Lease) for task in one.tasks]
+@pytest.fixture
+def learners():
+    with quiet(), fake_learners() as learners:
+        yield learners
 
 
 @pytest.fixture
-def room(monkeypatch: pytest.MonkeyPatch):
-    with quiet(), fake_learners() as learners:
-        yield Room(monkeypatch, learners)
+def room(monkeypatch: pytest.MonkeyPatch, learners) -> Room:
+    return Room(monkeypatch, episodes=3)
 
 
 def hello(credit: int = 8) -> Hello:
@@ -80,11 +54,11 @@ def hello(credit: int = 8) -> Hello:
 )
 def test_a_lease_that_went_astray_is_given_again(room: Room) -> None:
     room.say()
-    assert sorted(room.leased(room.say(hello()))) == [0, 1, 2]
+    assert sorted(leased(room.say(hello()))) == [0, 1, 2]
     for _ in range(2):
         for _ in range(MAX_UNNAMED_HEARTBEATS - 1):
-            assert room.leased(room.say(Heartbeat())) == []
-        assert sorted(room.leased(room.say(Heartbeat()))) == [0, 1, 2]
+            assert leased(room.say(Heartbeat())) == []
+        assert sorted(leased(room.say(Heartbeat()))) == [0, 1, 2]
 
 
 @pytest.mark.fault("lease, setup or policy lost on the way")
@@ -93,7 +67,7 @@ def test_one_of_which_the_worker_names_all_did_not(room: Room) -> None:
     room.say(hello())
     beat = Heartbeat(room.campaign, 0, tuple((room.campaign, index) for index in range(3)))
     for _ in range(3 * MAX_UNNAMED_HEARTBEATS):
-        assert room.leased(room.say(beat)) == []
+        assert leased(room.say(beat)) == []
 
 
 @pytest.mark.fault("lease, setup or policy lost on the way")
@@ -102,8 +76,8 @@ def test_what_a_busy_worker_does_not_name_is_given_again(room: Room) -> None:
     room.say(hello())
     beat = Heartbeat(room.campaign, 0, ((room.campaign, 0), (room.campaign, 2)))
     for _ in range(MAX_UNNAMED_HEARTBEATS - 1):
-        assert room.leased(room.say(beat)) == []
-    assert room.leased(room.say(beat)) == [1]
+        assert leased(room.say(beat)) == []
+    assert leased(room.say(beat)) == [1]
 
 
 def test_who_says_hello_again_has_not_died_of_its_episode(room: Room) -> None:
@@ -111,20 +85,22 @@ def test_who_says_hello_again_has_not_died_of_its_episode(room: Room) -> None:
     room.say(hello())
     for _ in range(MAX_DEATHS + 1):
         said = room.say(Heartbeat(room.campaign, 0), hello())
-        assert 0 in room.leased(said)
+        assert 0 in leased(said)
     assert room.store.campaigns.get(room.campaign).counts.errored == 0
     assert room.store.episodes.add_death(room.campaign, 0) == 1
 
 
 @pytest.mark.fault("result that arrives twice, late, unasked or for another campaign")
-def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(room: Room) -> None:
+def test_a_result_brought_before_its_round_is_proposed_is_not_run_again(
+    room: Room, learners
+) -> None:
     room.say(hello())
     room.say(hello(), by=b"other")
-    room.learners[-1].status = -9  # its next life proposes what the first one did
+    learners[-1].status = -9  # its next life proposes what the first one did
     room.now_s -= 0.99  # so that the commit is still to come when it does
     room.say(Results(room.campaign, (result(0),)))
-    leased = [*room.leased(room.say()), *room.leased(room.say(by=b"other"))]
-    assert 0 not in leased
+    again = [*leased(room.say()), *leased(room.say(by=b"other"))]
+    assert 0 not in again
     assert room.store.episodes.finished(room.campaign, [0])
 
 

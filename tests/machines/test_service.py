@@ -218,14 +218,6 @@ def test_lives_in_memory() -> None:
     run(lambda: closing(open_store("memory://")), 80)
 
 
-@pytest.fixture(scope="module")
-def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database file with the schema and nothing else; copying it is quicker than migrating."""
-    path = tmp_path_factory.mktemp("template") / "empty.db"
-    open_store(f"sqlite:///{path}").close()
-    return path
-
-
 @pytest.mark.fault("SIGKILL of a worker")
 @pytest.mark.fault("SIGKILL of the services")
 @pytest.mark.fault("SIGSTOP of a worker")
@@ -233,13 +225,13 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.fault("worker connection cut")
 @pytest.mark.fault("two workers with one name")
 @pytest.mark.fault("immediate shutdown of PostgreSQL")
-def test_lives_in_sqlite(template: Path) -> None:
+def test_lives_in_sqlite(sqlite_template: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         numbers = count()
 
         def opened():
             path = Path(folder) / f"{next(numbers)}.db"
-            shutil.copy(template, path)
+            shutil.copy(sqlite_template, path)
             return closing(open_store(f"sqlite:///{path}"))
 
         run(opened, 8)

@@ -1,7 +1,8 @@
-"""The store of most tests: in memory, empty, and each test's own."""
+"""The store of most tests, in memory and empty; and the file that others are copied from."""
 
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,3 +18,13 @@ def store() -> "Iterator[Store]":
 
     with closing(open_store("memory://")) as opened:
         yield opened
+
+
+@pytest.fixture(scope="session")
+def sqlite_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database file with the schema and nothing else; copying it is quicker than migrating."""
+    from eigenfail_services.store.store import open_store
+
+    path = tmp_path_factory.mktemp("template") / "empty.db"
+    open_store(f"sqlite:///{path}").close()
+    return path

@@ -149,13 +149,3 @@ def test_what_was_asked_for_and_what_was_applied_are_told(small_cut_in: Any) -> 
         assert msgspec.structs.astuple(seen.applied) == pytest.approx(
             msgspec.structs.astuple(applied)
         )
-
-
-def test_an_episode_goes_on_off_the_road(small_cut_in: Any) -> None:
-    # Two lanes of 3.5 m around y = 0 and 3.5: the road ends at -1.75 and 5.25.
-    way = [0.0, -1.75, -1.76, 0.0, 5.26]
-    truths = [msgspec.structs.replace(FREE, ego=car(0.0, y)) for y in way]
-    simulation = loop(small_cut_in, Watcher(), *truths)
-    seen = [simulation.reset(0), *(simulation.step((0.0, 0.0)) for _ in way[1:])]
-    assert [each.off_road for each in seen] == [False, False, True, False, True]
-    assert not any(each.ended for each in seen)

@@ -2,9 +2,6 @@
 
 from collections.abc import Sequence
 
-import pytest
-
-from eigenfail.errors import SimulatorError
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.scene import Observation, VehicleState
 from eigenfail_workers.episode import run_episode
@@ -74,11 +71,3 @@ def test_the_paper_in_two_steps() -> None:
     assert recorder.noise().sigma.tolist() == [[11.0, 4.0], [6.0, 3.0]]
     assert recorder.noise().z.tolist() == [[1.0, 0.5], [2.0, 1.0]]
     assert recorder.measures(0.1).robustness_m == 4.0
-
-
-def test_an_episode_beyond_its_horizon_is_stopped() -> None:
-    simulation = Playback([seen(step, car(20.0)) for step in range(4)])
-    recorder = Recorder()
-    with pytest.raises(SimulatorError, match="horizon of 3 steps"):
-        run_episode(simulation, 0, MODEL, Counting(), recorder)
-    assert recorder.steps == 3

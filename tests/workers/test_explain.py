@@ -36,15 +36,11 @@ def setup(planner="rulebook", simulator="highway"):
 
 
 @pytest.fixture
-def plugged(monkeypatch):
+def plugged(plug_in):
     """Registers a planner class for one test."""
-    load = plugins.load
 
     def add(planner):
-        def find(group, name):
-            return planner if name == "mine" else load(group, name)
-
-        monkeypatch.setattr(plugins, "load", find)
+        plug_in(plugins.PLANNERS, "mine", planner)
         return setup("mine", "point_mass")
 
     return add
@@ -114,9 +110,10 @@ def test_controls_noise_and_times_are_those_of_the_episode(crash):
     assert np.allclose([step.time_s for step in crash.steps], 0.1 * np.arange(len(crash.steps)))
 
 
-def test_a_planner_without_an_account_is_not_asked(plugged):
+def test_a_planner_without_an_account_or_a_path_is_not_asked(plugged):
     explained = explain(plugged(Plain), EpisodeTask(0, 0, PriorSource()))
     assert {len(step.account) for step in explained.steps} == {0}
+    assert {step.path for step in explained.steps} == {()}
     assert {step.acceleration_mps2 for step in explained.steps} == {-0.25}
 
 
@@ -130,14 +127,15 @@ def test_what_is_not_a_number_becomes_text(plugged):
     assert explained.steps[0].account == first
 
 
-def test_an_account_that_raises_is_the_planner_s_fault(plugged):
-    class Silent(Plain):
-        def explain(self):
-            raise KeyError("lead")
+@pytest.mark.parametrize(("asked", "named"), [("explain", "account"), ("path", "path")])
+def test_an_account_or_path_that_raises_is_the_planner_s_fault(plugged, asked, named):
+    def fail(_planner):
+        raise KeyError("lead")
 
-    result = explain(plugged(Silent), EpisodeTask(0, 0, PriorSource())).result
+    planner = type("Silent", (Plain,), {asked: fail})
+    result = explain(plugged(planner), EpisodeTask(0, 0, PriorSource())).result
     assert result.fault.kind == "planner"
-    assert "account" in result.fault.message
+    assert named in result.fault.message
 
 
 def test_an_episode_that_breaks_off_is_explained_up_to_there(plugged):
@@ -177,11 +175,6 @@ def test_the_path_of_a_change_of_lane_crosses_the_road():
     assert across[0] == pytest.approx(0.0, abs=0.1)
 
 
-def test_a_planner_without_a_path_is_not_asked(plugged):
-    explained = explain(plugged(Plain), EpisodeTask(0, 0, PriorSource()))
-    assert {step.path for step in explained.steps} == {()}
-
-
 def test_a_long_path_is_told_in_twenty_points_with_its_ends(plugged):
     class Farsighted(Plain):
         def path(self):
@@ -190,16 +183,6 @@ def test_a_long_path_is_told_in_twenty_points_with_its_ends(plugged):
     path = explain(plugged(Farsighted), EpisodeTask(0, 0, PriorSource())).steps[0].path
     assert len(path) == 20
     assert (path[0], path[-1]) == ((0.0, 0.5), (1000.0, 0.5))
-
-
-def test_a_path_that_raises_is_the_planner_s_fault(plugged):
-    class Lost(Plain):
-        def path(self):
-            raise KeyError("lane")
-
-    result = explain(plugged(Lost), EpisodeTask(0, 0, PriorSource())).result
-    assert result.fault.kind == "planner"
-    assert "path" in result.fault.message
 
 
 DRIVE = Path(__file__).parents[2] / "examples" / "highway_drive.toml"
@@ -380,19 +363,14 @@ def test_true_figures_of_a_drive_are_of_the_vehicle_that_the_account_names(drive
             assert abs(step.gap_m - step.account["gap_m"]) < 40.0
 
 
-def test_account_that_names_no_vehicle_has_no_truth_among_several():
+def test_account_that_names_no_vehicle_has_no_truth_among_several(plugged):
     class Mute(Plain):
         def explain(self):
             return {"heeds": "lead", "gap_m": 20.0, "closing_mps": 1.0}
 
+    plugged(Mute)
     spec = msgspec.convert(tomllib.loads(DRIVE.read_text()), CampaignSpec)
-    load = plugins.load
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            plugins, "load", lambda group, name: Mute if name == "mine" else load(group, name)
-        )
-        found = explain(
-            msgspec.structs.replace(spec.setup(), planner="mine"), EpisodeTask(0, 0, PriorSource())
-        )
+    among_several = msgspec.structs.replace(spec.setup(), planner="mine")
+    found = explain(among_several, EpisodeTask(0, 0, PriorSource()))
     assert {(step.vehicle, step.gap_m) for step in found.steps} == {(None, None)}
     assert not [line for line in tell_story(found) if "in truth" in line]

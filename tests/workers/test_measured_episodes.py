@@ -84,10 +84,3 @@ def test_a_scenario_that_starts_in_a_collision_is_refused_as_the_inputs_fault(
     assert result.fault.kind == "input"
     assert "starts in a collision" in result.fault.message
     assert assess(result.outcome, result.measures).conflict is None
-
-
-def test_a_replay_gives_the_same_digest_with_all_measures(
-    make_engine: MakeEngine, simulator: str
-) -> None:
-    engine, again = (make_engine(simulator=simulator) for _ in range(2))
-    assert episode(engine).digest() == episode(again).digest()

@@ -206,8 +206,8 @@ class Leases:
         """
         for old in self._workers.find_connections(worker, hello):
             self.end_session(old)
-        # What it ran waits again, so that `adopt` leases it to this worker if its hello names
-        # it.
+        # What it ran waits again: if its hello names that episode, the episode stays with this
+        # worker (`lease_held_episodes`).
         if disconnection := self._interrupted.pop_disconnection(hello.life):
             self._put_back(disconnection.key[0], disconnection.task)
         self._workers.add(worker, hello, now_s)

@@ -103,11 +103,6 @@ def wait_until(happened: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def test_who_has_an_allowed_key_is_let_in(hub: Hub, key: WorkerKey) -> None:
-    with closing(welcomed(hub, key)):
-        assert hub.workers() == ["w"]
-
-
 def test_so_are_workers_that_the_service_starts_itself(hub: Hub, keys: HubKeys) -> None:
     welcomed(hub, keys.create_own("own")).close()
 

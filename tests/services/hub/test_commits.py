@@ -48,12 +48,6 @@ def test_results_wait_for_each_other(group: CommitQueue, episodes: Episodes) -> 
     assert episodes.transactions == 1
 
 
-def test_a_full_group_does_not_wait(group: CommitQueue) -> None:
-    for index in range(commits.MAX_RESULTS):
-        group.add(b"w", "w", 1, result(index))
-    assert len(group.flush()) == commits.MAX_RESULTS
-
-
 def test_a_group_has_a_bound_unless_all_are_to_be_written(group: CommitQueue) -> None:
     for index in range(3 * commits.MAX_RESULTS):
         group.add(b"w", "w", 1, result(index))

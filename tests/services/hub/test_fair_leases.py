@@ -3,7 +3,7 @@
 import sys
 from collections import Counter, deque
 from heapq import heappop, heappush
-from itertools import count, pairwise
+from itertools import count
 from typing import Self
 
 import pytest
@@ -114,17 +114,6 @@ def test_ten_episodes_beside_a_hundred_thousand_are_soon_leased() -> None:
     assert after.count(2) == 10
     last = max(place for place, campaign in enumerate(after) if campaign == 2)
     assert last < 40  # ten of its own, as many of the other one, and a portion or two
-
-
-def test_the_least_urgent_of_many_is_served_all_the_same() -> None:
-    crew = Crew(2, dict.fromkeys(range(20), 0.1))
-    for campaign in range(20):
-        crew.offer(campaign, MANY, weight=1 if campaign == 0 else 9)
-    crew.work(until_s=2_000.0)
-    assert crew.share(0) == pytest.approx(1 / 172, rel=0.2)
-    places = [place for place, campaign in enumerate(crew.leased) if campaign == 0]
-    waits = [b - a for a, b in pairwise(places)]
-    assert max(waits) <= 20 * 19 * 10  # a worker holds at most 20 episodes, see `Shares`
 
 
 def test_a_worker_that_leaves_costs_its_campaigns_nothing() -> None:

@@ -91,10 +91,6 @@ def test_a_new_weight_holds_from_then_on() -> None:
     assert taken.count(1) == pytest.approx(90, abs=2)
 
 
-def test_without_work_it_is_nobodys_turn() -> None:
-    assert weighed([1]).next_campaign([]) is None
-
-
 def test_what_is_over_is_begun_anew_under_the_same_number() -> None:
     shares = weighed([1, 9])
     turns(shares, range(2), [1.0, 1.0], 100)

@@ -226,13 +226,6 @@ def seated(*workers: bytes) -> Leases:
     return leases
 
 
-def test_a_short_round_is_spread_over_all_workers() -> None:
-    leases = seated(b"a", b"b")
-    leases.offer(1, tasks(*range(10)))
-    leases.assign()
-    assert sorted(len(seat.held) for seat in leases.sessions.values()) == [5, 5]
-
-
 @pytest.mark.fault("worker ten times slower than the others")
 @pytest.mark.parametrize(("takes_s", "held"), [(0.01, 200), (0.2, 10), (0.4, 5), (0.5, 1), (9, 1)])
 def test_the_longer_episodes_take_the_fewer_are_leased_at_once(takes_s: float, held: int) -> None:
@@ -241,18 +234,6 @@ def test_the_longer_episodes_take_the_fewer_are_leased_at_once(takes_s: float, h
     leases.complete(1, 0, wall_s=takes_s)
     leases.assign()
     assert len(leases.sessions[b"a"].held) == held
-
-
-def test_an_episode_does_not_wait_behind_a_long_one_while_another_worker_is_idle() -> None:
-    leases = seated(b"a", b"b")
-    leases.offer(1, tasks(*range(1000)))
-    leases.complete(1, 0, wall_s=1.0)
-    leases.assign()
-    assert [len(leases.sessions[worker].held) for worker in (b"a", b"b")] == [1, 1]
-    (running,) = leases.sessions[b"b"].held
-    leases.record_result(*running, 1.0)
-    leases.assign()
-    assert [len(leases.sessions[worker].held) for worker in (b"a", b"b")] == [1, 1]
 
 
 def test_episodes_of_a_lost_worker_come_first_and_in_order() -> None:
@@ -264,20 +245,6 @@ def test_episodes_of_a_lost_worker_come_first_and_in_order() -> None:
     leases.open_session(b"b", hello(b"b"), 0.0)
     again = [task.index for a in leases.assign() for task in a.tasks]
     assert again == [*first, 6]
-
-
-def test_what_ran_as_its_worker_was_lost_is_nobodys_until_it_is_cleared() -> None:
-    leases = seated(b"a", b"b")
-    leases.offer(1, tasks(0))
-    leases.assign()
-    (holder,) = (w for w, seat in leases.sessions.items() if seat.held)
-    leases.record_heartbeat(holder, (1, 0), {(1, 0)})
-    leases.end_lost_session(holder)
-    assert leases.assign() == []
-    assert [(campaign, task.index) for campaign, task in leases.list_interrupted()] == [(1, 0)]
-    leases.clear_interrupted(1, 0)
-    assert leases.list_interrupted() == []
-    assert [task.index for a in leases.assign() for task in a.tasks] == [0]
 
 
 @pytest.mark.fault(
@@ -297,18 +264,6 @@ def test_a_worker_that_is_lost_between_its_result_and_its_next_beat_is_not_blame
     assert [task.index for a in leases.assign() for task in a.tasks] == [1]
 
 
-def test_who_leaves_or_begins_anew_has_died_of_nothing() -> None:
-    leases = seated(b"a")
-    leases.offer(1, tasks(0))
-    leases.assign()
-    leases.record_heartbeat(b"a", (1, 0), {(1, 0)})
-    leases.open_session(b"a", hello(b"a"), 0.0)
-    leases.assign()
-    leases.record_heartbeat(b"a", (1, 0), {(1, 0)})
-    leases.end_session(b"a")
-    assert leases.list_interrupted() == []
-
-
 def adopted(*holdings: Holding) -> Leases:
     """A worker that said this, before three episodes were offered, and another one."""
     leases = Leases()
@@ -325,13 +280,6 @@ def test_what_a_worker_holds_is_left_with_it() -> None:
     assert [task.index for a in leases.assign() for task in a.tasks] == [2]
 
 
-def test_what_is_another_task_is_not() -> None:
-    other = EpisodeTask(0, 0, PolicySource(3))
-    leases = adopted(Holding(1, 0, fingerprint_task(SETUP, other)), Holding(1, 1, b"nonsense"))
-    assert leases.lease_held_episodes(of_ours) == {(b"a", 1)}
-    assert not leases.sessions[b"a"].held
-
-
 def test_of_two_that_hold_the_same_the_second_has_it_when_the_first_is_gone() -> None:
     leases = Leases()
     for worker in (b"a", b"b"):
@@ -342,15 +290,6 @@ def test_of_two_that_hold_the_same_the_second_has_it_when_the_first_is_gone() ->
     leases.end_session(b"a")
     leases.lease_held_episodes(of_ours)
     assert set(leases.sessions[b"b"].held) == {(1, 0)}
-
-
-def test_what_is_brought_is_claimed_by_nobody_any_more() -> None:
-    leases = adopted(claim(1, 0))
-    leases.record_result(1, 0, 0.1)
-    leases.record_verdict(1, 0)
-    leases.offer(1, tasks(0))  # the store did not want it
-    assert leases.lease_held_episodes(of_ours) == set()
-    assert not leases.sessions[b"a"].held
 
 
 @pytest.mark.fault("worker connection cut")
@@ -411,12 +350,6 @@ def test_a_late_result_of_a_waiting_episode_saves_the_work() -> None:
     leases.record_result(1, 0, 0.1)
     leases.open_session(b"b", hello(b"b"), 0.0)
     assert leases.assign() == []
-
-
-def test_a_silent_worker_is_noticed_and_a_heard_one_is_not() -> None:
-    leases = seated(b"a", b"b")
-    leases.touch(b"b", 15.0)
-    assert leases.list_silent(now_s=20.5, limit_s=20.0) == [b"a"]
 
 
 def test_campaigns_share_the_workers() -> None:

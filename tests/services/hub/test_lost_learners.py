@@ -267,14 +267,6 @@ def test_a_machine_that_has_no_process_left_for_seconds_ends_no_campaign(
     assert len(house.losses(campaign)) == 2
 
 
-def test_a_death_has_one_more_try_and_then_ends_the_campaign(house: House) -> None:
-    campaign = house.astray("die", times=1000)
-    ended = house.ended(campaign)
-    assert "died with exit status 7" in ended.stopped_because
-    assert "failed 3 times in a row" in ended.stopped_because
-    assert len(house.losses(campaign)) == 2
-
-
 @pytest.mark.fault(
     "learner that hangs",
     group="time",

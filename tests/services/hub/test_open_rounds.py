@@ -8,7 +8,6 @@ import pytest
 from accepted import accept_spec
 from store_checks.examples import name_channels, result_of
 
-from eigenfail.errors import StoreUnavailable
 from eigenfail.values import episode
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import NoiseTrajectory
@@ -64,17 +63,6 @@ def test_what_has_a_result_is_not_asked_for(opened: Opened) -> None:
     assert opened.rounds.collector.count_pending() == 2
 
 
-def test_rounds_are_whole_in_their_order(opened: Opened) -> None:
-    opened.rounds.open(ROUNDS)
-    for index in (3, 1, 2):
-        opened.deliver(result(index))
-        assert opened.rounds.collector.pop_complete() is None
-    opened.deliver(result(0))
-    found = [opened.rounds.collector.pop_complete(), opened.rounds.collector.pop_complete()]
-    assert [[each.index for each in whole or ()] for whole in found] == [[0, 1], [2, 3]]
-    assert opened.rounds.collector.pop_complete() is None
-
-
 @pytest.mark.parametrize(("observes", "rows"), [(True, 3), (False, 0)])
 def test_a_learner_that_uses_no_results_gets_them_without_arrays(observes: bool, rows: int) -> None:
     opened, steps = Opened(observes=observes), np.ones((3, 2), np.float32)
@@ -114,22 +102,6 @@ def test_a_result_with_noise_of_other_channels_is_asked_for_again() -> None:
     assert opened.leased() == [0, 1]
     opened.deliver(result_of(2))
     assert opened.leased() == [0]
-
-
-def test_rounds_open_once_although_the_store_was_away(
-    opened: Opened, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def away(*_: object) -> None:
-        raise StoreUnavailable("The disk is full.")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(opened.store.episodes, "finished", away)
-        with pytest.raises(StoreUnavailable):
-            opened.rounds.open(ROUNDS)
-    assert opened.rounds.collector.count_pending() == 0
-    for _ in range(2):
-        opened.rounds.open(ROUNDS)
-    assert opened.leased() == [0, 1, 2, 3]
 
 
 def test_of_two_results_the_one_that_is_kept_counts(opened: Opened) -> None:

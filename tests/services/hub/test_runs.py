@@ -130,15 +130,6 @@ def test_a_learner_that_begins_while_the_store_is_away_is_briefed_later(stage: S
     assert [type(message) for message in stage.links[-1].said] == [Start]
 
 
-def test_so_is_one_that_takes_over(stage: Stage) -> None:
-    stage.run.poll()
-    stage.links[-1].status = -9
-    stage.run.poll()
-    stage.without("checkpoints", "recover")
-    assert [type(message) for message in stage.links[-1].said] == [Start]
-    assert len(stage.links) == 2
-
-
 @pytest.mark.fault("disk full")
 @pytest.mark.parametrize(("part", "verb"), [("checkpoints", "save"), ("episodes", "finished")])
 def test_a_round_proposed_while_the_store_is_away_is_run(stage: Stage, part, verb) -> None:
@@ -167,14 +158,6 @@ def test_what_is_learnt_from_is_what_the_store_keeps(stage: Stage) -> None:
     assert stage.observed() == ["input", "input"]
 
 
-def test_a_result_kept_elsewhere_counts_although_ours_differs(stage: Stage) -> None:
-    stage.lease_round()
-    stage.store.episodes.commit(stage.campaign, [Delivery(result(0), "another hub's")])
-    stage.deliver(result(0, "solver"), result(1))
-    stage.run.poll()
-    assert stage.observed() == ["input", "input"]
-
-
 def test_a_result_kept_elsewhere_counts_although_ours_has_its_digest(stage: Stage) -> None:
     stage.lease_round()
     kept, again = (msgspec.structs.replace(result(0), wall_s=wall_s) for wall_s in (1.0, 2.0))
@@ -193,13 +176,6 @@ def test_a_learner_is_shown_what_one_that_begins_again_will_read(stage: Stage) -
     shown = stage.shown()
     assert [(each.measures, each.wall_s) for each in shown] == [(None, 0.0), (Measures(1.0), 0.0)]
     assert encode(Observed(shown)) == encode(Observed(tuple(stored)))
-
-
-def test_a_result_that_the_store_refuses_leaves_its_episode_open(stage: Stage) -> None:
-    stage.lease_round()
-    misfit = msgspec.structs.replace(result(0), steps=-1)
-    assert stage.deliver(misfit) == [Verdict.UNWANTED]
-    assert stage.leased() == [0]
 
 
 def test_an_episode_that_the_store_refuses_again_and_again_ends_the_campaign(stage: Stage) -> None:

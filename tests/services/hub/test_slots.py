@@ -77,18 +77,6 @@ def test_all_slots_stay_busy_however_long_an_episode_takes(table: Table) -> None
     assert len(table.held(b"a")) <= 2 * SLOTS
 
 
-def test_who_runs_long_ones_one_at_a_time_holds_no_more(table: Table) -> None:
-    table.join(b"a")
-    table.warm_up()
-    table.leases.offer(1, tasks(0, MANY))
-    for _ in range(5):
-        table.lend()
-        table.beat()
-        table.lend()
-        assert len(table.held(b"a")) == 1
-        table.end(b"a", 1, LONG_S)
-
-
 def test_one_that_joins_late_fills_its_slots_with_long_ones_after_a_heartbeat(table: Table) -> None:
     table.join(b"a", SLOTS)
     table.warm_up()

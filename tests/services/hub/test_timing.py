@@ -37,15 +37,6 @@ def test_time_goes_to_what_was_seen_at_its_beginning(clock: Clock) -> None:
     assert meter.take() == Overhead()
 
 
-def test_a_phase_goes_on_after_it_was_taken(clock: Clock) -> None:
-    meter = TimeAccounting(clock)
-    meter.set_phase(CampaignPhase.LEARNING)
-    clock.now_s += 2.0
-    assert meter.take().learning_s == 2.0
-    clock.now_s += 3.0
-    assert meter.take().learning_s == 3.0
-
-
 def test_what_could_not_be_kept_is_taken_again(clock: Clock) -> None:
     meter = TimeAccounting(clock)
     meter.set_phase(CampaignPhase.WAITING)

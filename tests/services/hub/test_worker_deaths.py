@@ -4,7 +4,6 @@ import pytest
 from store_checks.examples import running
 
 from eigenfail.errors import StoreUnavailable
-from eigenfail.testing.examples import result
 from eigenfail.values.episode import EpisodeTask, Outcome, PriorSource
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.commits import MAX_DEATHS, CommitQueue, WorkerDeaths
@@ -84,16 +83,6 @@ def test_while_a_death_cannot_be_written_down_nobody_gets_the_episode(
     hub.deaths.record()
     assert store.episodes.add_death(campaign, 0) == 2
     assert sorted(hub.leased()) == [0, 1]
-
-
-def test_a_late_result_of_a_suspect_settles_it(store: Store, campaign: int) -> None:
-    hub = Hub(store, campaign)
-    hub.lose_a_worker()
-    hub.leases.record_result(campaign, 0, 0.1)
-    hub.commits.add(b"w", "w", campaign, result(0))
-    hub.deaths.record()
-    assert hub.leased() == [1]
-    assert store.episodes.add_death(campaign, 0) == 1
 
 
 def test_a_suspect_of_a_campaign_that_is_no_more_is_nobodys_trouble(store: Store) -> None:

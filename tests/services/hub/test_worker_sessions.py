@@ -107,9 +107,19 @@ def room() -> Room:
     return Room()
 
 
-def test_a_worker_is_welcomed(room: Room) -> None:
+def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
+    room.sessions.handle(b"x", encode(Heartbeat()))
+    assert room.said_to(b"x") == [Refusal]
+
+
+def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
     room.join(b"a")
-    assert room.said_to(b"a") == [Welcome]
+    room.offer(0)
+    room.sessions.handle(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
+    room.sessions.handle(b"a", encode(Goodbye()))
+    room.join(b"b")
+    room.assign()
+    assert room.said_to(b"b") == [Welcome, Setup, Lease]
 
 
 OURS = versions()["eigenfail"]
@@ -181,11 +191,6 @@ def test_a_correction_more_or_less_is_let_in_and_told(room: Room) -> None:
     ]
 
 
-def test_a_stranger_is_asked_to_say_hello(room: Room) -> None:
-    room.sessions.handle(b"x", encode(Heartbeat()))
-    assert room.said_to(b"x") == [Refusal]
-
-
 def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
     room.join(b"a")
     room.said_to(b"a")
@@ -194,16 +199,6 @@ def test_setup_and_policy_come_once_before_the_lease(room: Room) -> None:
     room.offer(1, source=episode.PolicySource(4))
     room.offer(2)
     assert set(room.said_to(b"a")) == {Lease}
-
-
-def test_after_a_drop_the_setup_comes_again(room: Room) -> None:
-    room.join(b"a")
-    room.offer(0)
-    room.leases.remove_campaign(1)
-    room.sessions.drop_campaign(1)
-    assert room.said_to(b"a")[-1] is Drop
-    room.offer(0)
-    assert room.said_to(b"a") == [Setup, Lease]
 
 
 def test_results_are_acknowledged_after_their_commit_alone(room: Room) -> None:
@@ -227,16 +222,6 @@ def test_a_worker_is_told_once_of_all_that_was_committed_together(room: Room) ->
         (b"a", 2, (0,)),
         (b"b", 1, (1,)),
     ]
-
-
-def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
-    room.join(b"a")
-    room.offer(0)
-    room.sessions.handle(b"a", encode(Heartbeat(1, 0, ((1, 0),))))
-    room.sessions.handle(b"a", encode(Goodbye()))
-    room.join(b"b")
-    room.assign()
-    assert room.said_to(b"b") == [Welcome, Setup, Lease]
 
 
 def offer(parameters: int) -> BridgeOffer:
@@ -320,16 +305,6 @@ def test_a_hub_that_was_held_up_does_not_take_its_own_silence_for_the_workers(cl
     clock[0] += 4 * worker_sessions.SILENCE_LIMIT_S
     room.sessions.expire_silent()
     assert b"a" in room.leases.sessions
-
-
-def test_a_worker_that_stays_silent_is_given_up(clock) -> None:
-    room = Room()
-    room.join(b"a")
-    for _ in range(11):
-        room.sessions.expire_silent()
-        clock[0] += worker_sessions.SILENCE_LIMIT_S / 10
-    room.sessions.expire_silent()
-    assert room.leases.sessions == {}
 
 
 def held(index: int, source: episode.Source = PRIOR) -> Holding:

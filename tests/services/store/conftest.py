@@ -15,14 +15,6 @@ sys.path.append(str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")
-def sqlite_template(tmp_path_factory) -> Path:
-    """A database file with the schema and nothing else; copying it is quicker than migrating."""
-    path = tmp_path_factory.mktemp("template") / "empty.db"
-    open_store(f"sqlite:///{path}").close()
-    return path
-
-
-@pytest.fixture(scope="session")
 def postgres_template(postgres) -> Iterator[str]:
     """The name of a database with the schema and nothing else."""
     with postgres.database() as url:

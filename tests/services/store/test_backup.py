@@ -15,12 +15,11 @@ from pathlib import Path
 
 import deadlines
 import pytest
-from sqlalchemy import text
+from pruned import change
 from store_checks.examples import deliver, running
 
 from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceError
 from eigenfail.testing.examples import collision, result
-from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.store import open_store
 from eigenfail_services.upkeep.backup import backup, restore
 from eigenfail_services.upkeep.verify import verify
@@ -101,11 +100,6 @@ def filled(sqlite_url: str) -> str:
 def fill(url: str, results: int = 1) -> None:
     with closing(open_store(url)) as store:
         deliver(store, running(store), *map(result, range(results)), collision(results))
-
-
-def change(url: str, statement: str) -> None:
-    with closing(Database(find_backend(url))) as database, database.writing() as connection:
-        connection.execute(text(statement))
 
 
 def completed(url: str, campaign: int = 1) -> int:

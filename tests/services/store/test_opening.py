@@ -5,7 +5,6 @@ import sqlite3
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
 
 import pytest
 from accepted import accept_spec
@@ -100,33 +99,11 @@ def test_whoever_only_looks_makes_no_file(tmp_path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pinging_reaches_the_database(sql_store) -> None:
-    sql_store.ping()
-
-
-def test_a_file_that_is_lost_is_noticed(sqlite_url) -> None:
-    store = open_store(sqlite_url)
-    store.ping()
-    store.close()
-    path = Path(sqlite_url.removeprefix("sqlite:///"))
-    path.write_bytes(b"not a database at all, whatever its name says" * 100)
-    with pytest.raises(StoreUnavailable, match="not a database"):
-        store.ping()
-    with pytest.raises(StoreUnavailable, match="not a database"):
-        open_store(sqlite_url)
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 def test_a_folder_that_cannot_be_written_is_named_with_the_remedy() -> None:
     for path in ("/proc/eigenfail.db", "/proc/new/eigenfail.db"):
         with pytest.raises(StoreUnavailable, match=rf"{path}.*Check that its folder"):
             open_store(f"sqlite:///{path}")
-
-
-def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StoreUnavailable, match="Check that its folder"):
-        open_store(f"sqlite:///{tmp_path / 'file' / 'a.db'}")
 
 
 @pytest.mark.parametrize(

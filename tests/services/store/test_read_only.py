@@ -2,9 +2,10 @@
 
 import os
 import subprocess
-from contextlib import closing
+from contextlib import closing, nullcontext
 
 import pytest
+from small_disks import mount_small_disk
 from store_checks.examples import deliver, running
 
 from eigenfail.errors import StoreUnavailable
@@ -22,12 +23,8 @@ def sealed(request, tmp_path, monkeypatch):
     folder = tmp_path / "medium"
     folder.mkdir()
     is_mounted = request.param == "mounted"
-    if is_mounted:
-        command = ["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", str(folder)]
-        if os.geteuid() or subprocess.run(command, capture_output=True, check=False).returncode:
-            pytest.skip("no file system can be mounted here")
     address = f"sqlite:///{folder}/eigenfail.db"
-    try:
+    with mount_small_disk(folder, "32m") if is_mounted else nullcontext():
         with closing(open_store(address)) as store:
             deliver(store, running(store), collision(0))
         if is_mounted:
@@ -36,9 +33,6 @@ def sealed(request, tmp_path, monkeypatch):
             # An administrator's user writes whatever the mode of a folder says.
             monkeypatch.setattr(os, "access", lambda path, *_, **__: path != folder)
         yield address
-    finally:
-        if is_mounted:
-            subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def test_database_on_a_read_only_medium_is_verified(sealed, tmp_path):

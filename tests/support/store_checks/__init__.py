@@ -4,67 +4,31 @@ Each check gets an empty store of its own.
 """
 
 from collections.abc import Callable
+from importlib import import_module
+from inspect import Signature, isfunction, signature
+from pkgutil import iter_modules
+from types import ModuleType
 
 from eigenfail_services.store.store import Store
-from store_checks import (
-    access,
-    archive,
-    batches,
-    blocks,
-    campaigns,
-    conflicts,
-    crowds,
-    deaths,
-    episode_filters,
-    episode_lists,
-    episodes,
-    failures,
-    fencing,
-    figures,
-    gates,
-    jobs,
-    labels,
-    modes,
-    moves,
-    priorities,
-    quotas,
-    records,
-    requirements,
-    retention,
-    roster,
-    safety,
-    suites,
-    triage,
-)
 
-STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
-    *campaigns.CHECKS,
-    *moves.CHECKS,
-    *archive.CHECKS,
-    *batches.CHECKS,
-    *suites.CHECKS,
-    *labels.CHECKS,
-    *episodes.CHECKS,
-    *deaths.CHECKS,
-    *episode_lists.CHECKS,
-    *episode_filters.CHECKS,
-    *conflicts.CHECKS,
-    *blocks.CHECKS,
-    *safety.CHECKS,
-    *figures.CHECKS,
-    *jobs.CHECKS,
-    *fencing.CHECKS,
-    *records.CHECKS,
-    *modes.CHECKS,
-    *triage.CHECKS,
-    *failures.CHECKS,
-    *requirements.CHECKS,
-    *retention.CHECKS,
-    *access.CHECKS,
-    *priorities.CHECKS,
-    *quotas.CHECKS,
-    *roster.CHECKS,
-    *gates.CHECKS,
-    *crowds.CHECKS,
+Check = Callable[[Store], None]
+
+
+def find_checks(module: ModuleType) -> list[Check]:
+    """The functions of a module that take a store alone, and return nothing."""
+    return [
+        each
+        for each in vars(module).values()
+        if isfunction(each)
+        and each.__module__ == module.__name__
+        and [*signature(each).parameters] == ["store"]
+        and signature(each).return_annotation in {None, Signature.empty}
+    ]
+
+
+STORE_CHECKS: tuple[Check, ...] = tuple(
+    check
+    for module in iter_modules(__path__)
+    for check in find_checks(import_module(f"{__name__}.{module.name}"))
 )
 """One behaviour each; raise AssertionError where it is broken."""

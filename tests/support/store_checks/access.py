@@ -1,11 +1,10 @@
 """Checks of `KeyStore` and `AuditLog`."""
 
-from eigenfail.errors import NotFound
-from eigenfail.testing import expect, expect_error
+from eigenfail.testing import expect
 from eigenfail.values.access import AuditEntry, Change, Scope
 from eigenfail.values.records import Page
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, equal
+from store_checks.examples import equal
 
 DIGEST = "0123456789abcdef" * 4
 LATER = 2_000_000_000_000
@@ -68,16 +67,6 @@ def pages_keys(store: Store) -> None:
     equal(store.keys.page(2, made[0].id), Page(()), "What comes behind the last")
 
 
-def knows_no_strange_keys(store: Store) -> None:
-    """An id that nothing has is NotFound."""
-    store.keys.create("one", Scope.ADMIN, DIGEST)
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"Key {stranger} was found."):
-            store.keys.find(stranger)
-        with expect_error(NotFound, f"Key {stranger} was revoked."):
-            store.keys.revoke(stranger)
-
-
 def change(subject: str, status: int = 201, key: int | None = None) -> Change:
     """Somebody created a campaign."""
     route = "/api/v1/campaigns"
@@ -109,15 +98,3 @@ def pages_changes(store: Store) -> None:
     equal(first, Page((kept[2], kept[1]), kept[1].id), "The first page of changes")
     store.audit.append(change("later"))
     equal(store.audit.page(2, first.next), Page((kept[0],)), "The last page of changes")
-
-
-CHECKS = (
-    keeps_keys,
-    revokes_keys,
-    remembers_when_keys_were_used,
-    counts_administrators,
-    pages_keys,
-    knows_no_strange_keys,
-    writes_down_changes,
-    pages_changes,
-)

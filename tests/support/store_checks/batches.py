@@ -69,12 +69,3 @@ def one_key_makes_many_once(store: Store) -> None:
     found = at_once(lambda _: store.campaigns.create_many(accept_specs(batch(*range(5))), "key"))
     equal([each for each in found if each != found[0]], [], "What others were answered")
     equal(len(store.campaigns.page(10 * CROWD).items), 5, "Campaigns in the store")
-
-
-CHECKS = (
-    creates_many_in_order,
-    repeats_the_key_of_many,
-    refuses_a_key_for_two_lists,
-    keeps_keys_of_one_and_of_many_apart,
-    one_key_makes_many_once,
-)

@@ -79,6 +79,3 @@ def pairs_episodes(store: Store) -> None:
     equal(swapped, PairTotals(1, 2, 2, 1), "Pairs the other way round")
     nobody = [store.episodes.paired(one.id, who) for who in (third.id, *BEYOND)]
     equal(nobody, [PairTotals()] * len(nobody), "Pairs with nobody")
-
-
-CHECKS = (sums_blocks, pairs_episodes)

@@ -4,15 +4,14 @@ import time
 
 from accepted import accept_spec
 
-from eigenfail.errors import IdempotencyMismatch, InvalidValue, NotFound
+from eigenfail.errors import IdempotencyMismatch, InvalidValue
 from eigenfail.filters import parse_campaign_sort
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, result, spec
-from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import CampaignFilter, CampaignState, Counts
 from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, equal
+from store_checks.examples import equal
 
 S = CampaignState
 
@@ -63,32 +62,6 @@ def refuses_a_key_for_two_specs(store: Store) -> None:
     with expect_error(IdempotencyMismatch, "A key was accepted for another spec."):
         store.campaigns.create(accept_spec(spec(seed=1)), "key")
     equal(len(store.campaigns.page(10).items), 1, "Campaigns after a refused key")
-
-
-def tells_requests_apart(store: Store) -> None:
-    """Without a key, and with different ones, the same spec makes new campaigns."""
-    ids = [store.campaigns.create(accept_spec(spec()), key).id for key in (None, None, "a", "b")]
-    equal(ids, sorted(set(ids)), "The ids of four campaigns")
-
-
-def knows_no_strangers(store: Store) -> None:
-    """An id that nothing has is NotFound, however odd it is."""
-    store.campaigns.create(accept_spec(spec()))
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"get({stranger}) found something."):
-            store.campaigns.get(stranger)
-        with expect_error(NotFound, f"read_references({stranger}) found something."):
-            store.campaigns.read_references(stranger)
-        with expect_error(NotFound, f"move({stranger}) moved something."):
-            store.campaigns.move(stranger, S.RUNNING)
-        with expect_error(NotFound, f"add_active({stranger}) went somewhere."):
-            store.campaigns.add_active(stranger, 1.0)
-        with expect_error(NotFound, f"commit({stranger}) kept something."):
-            store.episodes.commit(stranger, [])
-        with expect_error(NotFound, f"checkpoints.save({stranger}) kept something."):
-            store.checkpoints.save(stranger, b"state")
-        with expect_error(NotFound, f"analyses.create({stranger}) made something."):
-            store.analyses.create(stranger, AnalysisSettings())
 
 
 def pages_newest_first(store: Store) -> None:
@@ -152,16 +125,3 @@ def pages_one_state(store: Store) -> None:
     second = store.campaigns.page(1, first.next, CampaignFilter(state=S.PAUSED))
     equal([c.id for c in (*first.items, *second.items)], [also, paused], "Paused campaigns")
     equal(second.next, None, "The cursor of the last page")
-
-
-CHECKS = (
-    creates_queued,
-    keeps_specs_exactly,
-    repeats_a_key,
-    refuses_a_key_for_two_specs,
-    tells_requests_apart,
-    knows_no_strangers,
-    pages_newest_first,
-    sorts_campaigns,
-    pages_one_state,
-)

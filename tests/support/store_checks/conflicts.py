@@ -4,7 +4,7 @@ from math import fsum, isclose
 
 from msgspec.structs import replace
 
-from eigenfail.filters import WORST_FIRST, make_outcome_condition
+from eigenfail.filters import make_outcome_condition
 from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
 from eigenfail.values.episode import EpisodeResult, Outcome
@@ -76,48 +76,3 @@ def counts_conflicts(store: Store) -> None:
     equal((found.ttc_leads, found.drac_leads), (len(ttc), len(drac)), "Known lead times")
     expect(isclose(found.ttc_lead_s, fsum(ttc)), f"Lead times sum to {found.ttc_lead_s}.")
     expect(isclose(found.drac_lead_s, fsum(drac)), f"Lead times sum to {found.drac_lead_s}.")
-
-
-SEVERITIES = {0: None, 1: 4.0, 2: 9.0, 3: 4.0, 4: 0.0, 5: None, 6: 9.5}
-IN_ORDER = [6, 2, 3, 1, 4, 5, 0]
-
-
-def puts_the_worst_first(store: Store) -> None:
-    """By severity, then by index, those without one last; pages follow each other."""
-    campaign, other = running(store), running(store)
-    deliver(store, campaign, *(crash_of(index) for index in reversed(SEVERITIES)))
-    deliver(store, other, collision(2))
-    for limit in (1, 2, 3, 7, 10):
-        equal(worst_first(store, campaign.id, limit), IN_ORDER, f"Pages of {limit}")
-    crashes = worst_first(store, campaign.id, 2, Outcome.COLLISION)
-    equal(crashes, IN_ORDER[:-2], "Collisions alone")
-    behind = store.episodes.page(campaign.id, 10, 8, sort=WORST_FIRST)
-    equal(behind.items, (), "Rows behind an episode that has no result")
-
-
-def crash_of(index: int) -> EpisodeResult:
-    """An episode with its severity of the table above."""
-    severity = SEVERITIES[index]
-    if severity is None:
-        return result(index)
-    return collision(index, measures=replace(CRASH, severity=severity))
-
-
-def worst_first(
-    store: Store, campaign: int, limit: int, outcome: Outcome | None = None
-) -> list[int]:
-    """The indices of all pages by severity."""
-    found: list[int] = []
-    after: int | None = None
-    for _ in range(len(SEVERITIES)):
-        page = store.episodes.page(
-            campaign, limit, after, make_outcome_condition(outcome), WORST_FIRST
-        )
-        found += [row.index for row in page.items]
-        after = page.next
-        if after is None:
-            break
-    return found
-
-
-CHECKS = (rows_are_assessed, counts_conflicts, puts_the_worst_first)

@@ -156,14 +156,3 @@ def followers_miss_nothing(store: Store) -> None:
 
     seen = at_once(work)[0]
     equal([e.id for e in seen], list(range(before + 1, before + total + 1)), "Events seen")
-
-
-CHECKS = (
-    moves_have_one_winner,
-    one_key_makes_one_campaign,
-    one_replay_is_linked_once,
-    results_are_kept_once,
-    counts_hold_while_everybody_writes,
-    jobs_go_to_one_each,
-    followers_miss_nothing,
-)

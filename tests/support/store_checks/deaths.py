@@ -2,11 +2,9 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
-from eigenfail.errors import NotFound
-from eigenfail.testing import expect_error
 from eigenfail.testing.examples import make_errored_result
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, deliver, equal, running
+from store_checks.examples import deliver, equal, running
 
 CROWD = 8
 
@@ -29,13 +27,3 @@ def misses_no_death(store: Store) -> None:
     with ThreadPoolExecutor(CROWD) as crowd:
         counted = crowd.map(lambda _: store.episodes.add_death(campaign, 0), range(CROWD))
         equal(sorted(counted), list(range(1, CROWD + 1)), "Deaths, counted at once")
-
-
-def counts_no_death_of_nobody(store: Store) -> None:
-    """A campaign that nothing has is NotFound."""
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"A death in campaign {stranger} was counted."):
-            store.episodes.add_death(stranger, 0)
-
-
-CHECKS = (counts_deaths, misses_no_death, counts_no_death_of_nobody)

@@ -16,7 +16,6 @@ from eigenfail.filters import (
     parse_filter,
     read_value,
 )
-from eigenfail.testing import expect
 from eigenfail.testing.examples import CRASH, collision, make_errored_result, result
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.records import EpisodeRow
@@ -63,17 +62,6 @@ def filters_by_every_column(store: Store) -> None:
         equal(counted, len(wanted), f"Number of episodes with {condition}")
     nothing = parse_filter("severity > 0 and index > 9000000000000000000")
     equal(store.episodes.page(campaign, 5, where=nothing).items, (), "Episodes of no index")
-
-
-def filters_by_all_conditions(store: Store) -> None:
-    """Conditions hold together, and with the cursor."""
-    campaign, rows = filled(store)
-    where = parse_filter("outcome = collision and min_ttc_s >= 1.25 and class != unavoidable")
-    wanted = [row.index for row in rows if all(each.holds(row) for each in where)]
-    expect(len(wanted) > 1, "The examples hold no such failures.")
-    equal(indices(store, campaign, 1, where, BY_INDEX), wanted, "Failures, one on a page")
-    page = store.episodes.page(campaign, 100, wanted[0], where)
-    equal([row.index for row in page.items], wanted[1:], "Failures behind the first")
 
 
 def sorts_by_every_column(store: Store) -> None:
@@ -151,12 +139,3 @@ def knows_no_place_without_a_result(store: Store) -> None:
     for sort in (SortOrder("severity"), SortOrder("steps", descending=True)):
         page = store.episodes.page(campaign, 10, 29, (), sort)
         equal((page.items, page.next), ((), None), f"Rows behind no place by {sort}")
-
-
-CHECKS = (
-    filters_by_every_column,
-    filters_by_all_conditions,
-    sorts_by_every_column,
-    loses_no_row_while_others_come_in,
-    knows_no_place_without_a_result,
-)

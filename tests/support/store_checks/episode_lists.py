@@ -1,18 +1,15 @@
 """Checks of how `EpisodeStore` is read: lists, sums and digests."""
 
-import hashlib
 from math import fsum, isclose
 
 from msgspec.structs import replace
 
-from eigenfail.errors import NotFound
-from eigenfail.filters import make_outcome_condition
-from eigenfail.testing import expect, expect_error
+from eigenfail.testing import expect
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values.episode import Outcome
 from eigenfail.values.records import PORTION
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, WORKER, alike, deliver, equal, running
+from store_checks.examples import WORKER, alike, deliver, equal, running
 
 
 def lists_rows(store: Store) -> None:
@@ -31,22 +28,6 @@ def lists_rows(store: Store) -> None:
     equal((problem.outcome, problem.problem), (Outcome.ERRORED, "planner: It raised."), "A fault")
     expect(not problem.has_scene, "A failed episode has a scene.")
     equal(problem.robustness_m, None, "The robustness of a failed episode")
-
-
-def pages_in_index_order(store: Store) -> None:
-    """Pages follow each other without gap or overlap, and end; for one outcome too."""
-    campaign, other = running(store), running(store)
-    deliver(store, campaign, *(result(index) for index in (5, 1)), collision(7), collision(2))
-    deliver(store, other, result(0))
-    first = store.episodes.page(campaign.id, 2)
-    second = store.episodes.page(campaign.id, 2, first.next)
-    equal([row.index for row in (*first.items, *second.items)], [1, 2, 5, 7], "Two pages")
-    equal((first.next, second.next), (2, None), "Their cursors")
-    crashes = store.episodes.page(
-        campaign.id, 10, after=2, where=make_outcome_condition(Outcome.COLLISION)
-    )
-    equal([row.index for row in crashes.items], [7], "Collisions above 2")
-    equal(store.episodes.page(999, 10).items, (), "Episodes of no campaign")
 
 
 def finds_the_finished(store: Store) -> None:
@@ -121,41 +102,3 @@ def sums_up_failures(store: Store) -> None:
     equal((found.failures, found.steps, found.severity), (2, 7, 5.0), "Two failures")
     wanted = fsum(each.noise.log_probability for each in crashes)
     expect(isclose(found.log_probability, wanted), f"log p sums to {found.log_probability}.")
-
-
-def digests_in_index_order(store: Store) -> None:
-    """The digest depends on what happened, not on when it came."""
-    campaign, mirrored = running(store), running(store)
-    results = [result(10 - n, salt=n) for n in range(1, 11)]
-    deliver(store, campaign, *results)
-    for each in reversed(results):
-        deliver(store, mirrored, each)
-    lines = "".join(f"{each.index} {each.digest()}\n" for each in reversed(results))
-    wanted = hashlib.sha256(lines.encode()).hexdigest()
-    equal(store.episodes.digest(campaign.id), wanted, "The digest of ten results")
-    equal(store.episodes.digest(mirrored.id), wanted, "The digest of the same in another order")
-
-
-def finds_no_strangers(store: Store) -> None:
-    """Episodes without a result, and campaigns that do not exist, are NotFound."""
-    campaign = running(store)
-    deliver(store, campaign, result(0))
-    for stranger in BEYOND[1:]:
-        with expect_error(NotFound, f"Episode {stranger} was found."):
-            store.episodes.get(campaign.id, stranger)
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"Campaign {stranger} has an episode."):
-            store.episodes.get(stranger, 0)
-
-
-CHECKS = (
-    lists_rows,
-    pages_in_index_order,
-    finds_the_finished,
-    gathers_failures,
-    hands_out_failures_in_portions,
-    tells_the_course_of_failures,
-    sums_up_failures,
-    digests_in_index_order,
-    finds_no_strangers,
-)

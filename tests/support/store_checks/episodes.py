@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from eigenfail.errors import NotFound
-from eigenfail.testing import expect, expect_error
+from eigenfail.testing import expect
 from eigenfail.testing.examples import collision, floats, make_errored_result, result
-from eigenfail.values.campaign import FINAL_STATES, Campaign, CampaignState, Counts
+from eigenfail.values.campaign import Campaign, Counts
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.learning import STATE, count_state
@@ -76,16 +75,6 @@ def same_scene(found: Scene | None, given: Scene | None) -> None:
         alike(getattr(found, name), getattr(given, name), name)
 
 
-def counts_what_it_keeps(store: Store) -> None:
-    """planned = completed + failed + cancelled + open, after every commit."""
-    campaign = running(store)
-    deliver(store, campaign, result(0), collision(1))
-    equal(counts(store, campaign), Counts(10, completed=2, failures=1), "Counts after two")
-    deliver(store, campaign, make_errored_result(2), collision(5))
-    equal(counts(store, campaign), Counts(10, 3, 2, 1), "Counts after four")
-    equal(deliver(store, campaign), [], "Verdicts on nothing")
-
-
 def keeps_the_first(store: Store) -> None:
     """The first result stays; the same again is a duplicate, another an alarm that is logged."""
     campaign = running(store)
@@ -102,14 +91,6 @@ def keeps_the_first(store: Store) -> None:
     expect(WORKER in alarms[0].message, "The alarm does not name the worker.")
 
 
-def keeps_the_first_of_one_delivery(store: Store) -> None:
-    """The same holds within one commit."""
-    campaign = running(store)
-    verdicts = deliver(store, campaign, result(4), result(4), result(4, salt=1), result(3))
-    equal(verdicts, [KEPT, DUPLICATE, ALARM, KEPT], "Verdicts within one commit")
-    equal(counts(store, campaign), Counts(10, completed=2, duplicates=2), "Counts")
-
-
 def runs_other_work_while_it_commits(store: Store) -> None:
     """The other work runs in the thread that waits, and the results are there after it."""
     campaign = running(store)
@@ -121,36 +102,6 @@ def runs_other_work_while_it_commits(store: Store) -> None:
     # A slow disk lets it run several times.
     equal(set(threads), {get_ident()}, "Threads in which the other work ran")
     equal(counts(store, campaign), Counts(10, completed=1), "Counts")
-
-
-def ends_an_episode_once(store: Store) -> None:
-    """A failed episode has ended too."""
-    campaign = running(store)
-    deliver(store, campaign, make_errored_result(0))
-    equal(deliver(store, campaign, result(0)), [ALARM], "A result after a failure")
-    equal(counts(store, campaign), Counts(10, errored=1, duplicates=1), "Counts")
-
-
-def takes_late_results(store: Store) -> None:
-    """A result that comes while its campaign rests or is being ended is kept."""
-    campaign = running(store)
-    ways = (CampaignState.PAUSING, CampaignState.PAUSED, CampaignState.QUEUED)
-    for index, state in enumerate(ways):
-        store.campaigns.move(campaign.id, state)
-        equal(deliver(store, campaign, result(index)), [KEPT], f"A result while {state}")
-
-
-def leaves_ended_campaigns_alone(store: Store) -> None:
-    """After its end a campaign takes nothing and stays as it is."""
-    for end in sorted(FINAL_STATES):
-        campaign = running(store)
-        deliver(store, campaign, result(0))
-        store.campaigns.move(campaign.id, CampaignState.CANCELLING)
-        ended = store.campaigns.move(campaign.id, end)
-        equal(deliver(store, campaign, result(0), result(1)), [UNWANTED] * 2, f"After {end}")
-        equal(store.campaigns.get(campaign.id), ended, "The ended campaign")
-        with expect_error(NotFound, "A result was kept after the end."):
-            store.episodes.get(campaign.id, 1)
 
 
 def refuses_what_does_not_fit(store: Store) -> None:
@@ -251,20 +202,3 @@ def takes_any_text(store: Store) -> None:
         equal(store.episodes.commit(campaign.id, [delivery]), [KEPT], "An odd text's verdict")
         row = store.episodes.page(campaign.id, 1, after=index - 1).items[0]
         expect(row.problem.startswith(f"planner: {text[:3]}"), f"Its problem: {row.problem!r}.")
-
-
-CHECKS = (
-    returns_what_was_delivered,
-    counts_what_it_keeps,
-    keeps_the_first,
-    keeps_the_first_of_one_delivery,
-    runs_other_work_while_it_commits,
-    ends_an_episode_once,
-    takes_late_results,
-    leaves_ended_campaigns_alone,
-    refuses_what_does_not_fit,
-    keeps_no_number_that_is_none,
-    knows_the_shape_of_the_noise,
-    knows_the_channels_of_the_noise,
-    takes_any_text,
-)

@@ -85,9 +85,3 @@ def filters_failures_by_campaign(store: Store) -> None:
     (row,) = store.failures.page(replace(ANY, planner="idm"), 1).items
     listed = store.episodes.page(row.campaign, 1, row.index - 1).items
     equal(row, listed[0], "The row beside that of the list of its campaign")
-
-
-CHECKS = (
-    sorts_failures_of_all_campaigns,
-    filters_failures_by_campaign,
-)

@@ -1,16 +1,14 @@
 """Checks of what only the holder of a campaign's claim may write."""
 
-from collections.abc import Callable
 from threading import Thread
 
 from eigenfail.errors import ClaimLost
 from eigenfail.testing import expect, expect_error
-from eigenfail.testing.examples import result
 from eigenfail.values.campaign import Campaign, CampaignState, Overhead
 from eigenfail.values.estimates import Estimate
-from eigenfail.values.records import Job, Verdict
+from eigenfail.values.records import Job
 from eigenfail_services.store.store import Store
-from store_checks.examples import deliver, equal, running
+from store_checks.examples import equal, running
 from store_checks.jobs import LONG_S, PASSED_S, PATIENCE_S, claimed, waited_for
 
 TOLD = Estimate(by="importance sampling", episodes=7, problem="Too few count.")
@@ -83,12 +81,6 @@ def what_ended_or_was_resumed_is_nobodys(store: Store) -> None:
         store.campaigns.move(campaign.id, CampaignState.RUNNING, claim=earlier)
 
 
-def takes_results_of_everybody(store: Store) -> None:
-    """An episode is what it is, whoever had it run: no claim is asked for."""
-    campaign, _, _ = taken_over(store)
-    equal(deliver(store, campaign, result(0)), [Verdict.KEPT], "A result")
-
-
 def a_takeover_ends_the_writing_at_once(store: Store) -> None:
     """While one writes as fast as it can, another takes over: not one write comes after that."""
     campaign, old = running(store), claimed(store, PASSED_S)
@@ -109,14 +101,3 @@ def until_lost(store: Store, campaign: int, claim: Job) -> None:
             store.checkpoints.save(campaign, b"old", claim=claim)
     except ClaimLost:
         return
-
-
-CHECKS: tuple[Callable[[Store], None], ...] = (
-    saves_checkpoints_of_the_holder_alone,
-    moves_campaigns_of_the_holder_alone,
-    bills_the_holders_time_alone,
-    a_lease_that_nobody_took_up_is_still_a_claim,
-    what_ended_or_was_resumed_is_nobodys,
-    takes_results_of_everybody,
-    a_takeover_ends_the_writing_at_once,
-)

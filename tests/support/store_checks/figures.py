@@ -187,16 +187,3 @@ def lists_the_latest_events(store: Store) -> None:
     equal(store.events.latest(3), logged[:2:-1], "The latest three")
     equal(store.events.latest(2, 1), [logged[5], logged[3]], "The latest two of campaign 1")
     equal(store.events.latest(2, 9), [], "Of another one")
-
-
-CHECKS = (
-    sums_up_many_campaigns,
-    names_the_most_frequent_fault,
-    answers_anew_after_results,
-    samples_episodes,
-    counts_workers,
-    pools_campaigns,
-    pools_seeds,
-    filters_campaigns,
-    lists_the_latest_events,
-)

@@ -1,15 +1,11 @@
 """Checks of the results of gates: each report is kept once, as it was judged."""
 
-from collections.abc import Callable
-
 from msgspec.structs import replace
 
-from eigenfail.errors import NotFound
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
 from eigenfail.gate.results import check_report
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.testing import expect_error
 from eigenfail_services.store.store import Store
 from store_checks.crowds import at_once
 from store_checks.examples import equal
@@ -65,8 +61,6 @@ def keeps_reports(store: Store) -> None:
     page = store.gates.page(1)
     equal((page.items, page.next), ((made[1],), made[1].id), "The newest")
     equal(store.gates.page(9, made[1].id).items, (made[0],), "Older ones")
-    with expect_error(NotFound, "There is no such result."):
-        store.gates.get(99)
 
 
 def keeps_a_report_once(store: Store) -> None:
@@ -110,11 +104,3 @@ def tells_no_verdict_of_a_baseline(store: Store) -> None:
         for version in ("v2", "v3")
     ]
     equal(logged, told, "Events")
-
-
-CHECKS: tuple[Callable[[Store], None], ...] = (
-    keeps_reports,
-    keeps_a_report_once,
-    keeps_a_gate_of_two_places_once,
-    tells_no_verdict_of_a_baseline,
-)

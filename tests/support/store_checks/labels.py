@@ -54,10 +54,3 @@ def a_key_knows_the_version_and_neither_project_nor_tags(store: Store) -> None:
     equal(store.campaigns.create(accept_spec(tagged), "key").id, made.id, "The campaign of the key")
     hashes = {spec_hash(replace(plain, planner_version=each)) for each in ("v1", "v2")}
     equal(len({*hashes, spec_hash(plain)}), 3, "Hashes of two versions and none")
-
-
-CHECKS = (
-    keeps_labels_as_they_were_given,
-    finds_campaigns_by_their_labels,
-    a_key_knows_the_version_and_neither_project_nor_tags,
-)

@@ -2,14 +2,12 @@
 
 from msgspec.structs import replace
 
-from eigenfail.errors import NotFound
 from eigenfail.filters import SortOrder, parse_filter
-from eigenfail.testing import expect_error
 from eigenfail.testing.examples import CRASH, analysis_result, collision
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, Mode
 from eigenfail.values.campaign import Campaign
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, deliver, equal, running
+from store_checks.examples import deliver, equal, running
 
 WORDS = ("Mode 1: It brakes late. Then it does not.", "Mode 2: It steers, " + "far " * 40)
 
@@ -70,29 +68,19 @@ def keeps_the_names_of_modes(store: Store) -> None:
     equal(store.analyses.mode(one, 2), renamed, "After a second end, which changes nothing")
 
 
-def knows_no_modes_of_strangers(store: Store) -> None:
-    """Analyses and modes that do not exist are NotFound."""
-    analysis = analysed(store, crashed(store), analysis_result())
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"The modes of analysis {stranger} were listed."):
-            store.analyses.modes(stranger)
-        with expect_error(NotFound, f"Analysis {stranger} has a mode 1."):
-            store.analyses.mode(stranger, 1)
-    for number in (0, 3):
-        with expect_error(NotFound, f"Mode {number} was renamed."):
-            store.analyses.rename_mode(analysis, number, "none")
-
-
 def finds_episodes_by_mode(store: Store) -> None:
     """Rows have their mode in the newest analysis that is done, and filters compare it."""
     campaign = crashed(store)
     rows = store.episodes.page(campaign.id, 10).items
     equal([row.mode for row in rows], [None] * 4, "Modes before an analysis")
+    equal(store.analyses.find_newest(campaign.id), None, "The newest analysis before the first")
     first = analysed(store, campaign, analysis_result())
     rows = store.episodes.page(campaign.id, 10).items
     equal([row.mode for row in rows], [1, 2, 1, 2], "Modes of the first analysis")
     newest = analysed(store, campaign, replace(analysis_result(2), labels=(1, 1)))
     store.analyses.create(campaign.id, AnalysisSettings())
+    analysed(store, crashed(store), analysis_result())
+    equal(store.analyses.find_newest(campaign.id), newest, "The newest analysis that is done")
     rows = store.episodes.page(campaign.id, 10).items
     equal([row.mode for row in rows], [2, 2, None, None], "Modes of the newest analysis")
     where = parse_filter("mode = 2 and severity > 10.5")
@@ -100,23 +88,9 @@ def finds_episodes_by_mode(store: Store) -> None:
     equal([row.index for row in found], [1], "Episodes of mode 2")
     both = store.analyses.find_modes(campaign.id, 0)
     equal([(mode.analysis, mode.number) for mode in both], [(newest, 2), (first, 1)], "Of one")
+    left_out = [mode.analysis for mode in store.analyses.find_modes(campaign.id, 2)]
+    equal(left_out, [first], "Analyses that have an episode which the newest left out")
     equal(store.analyses.find_modes(campaign.id, 9), (), "Modes of an episode without a result")
-
-
-def knows_the_newest_analysis_of_a_campaign(store: Store) -> None:
-    """The newest with a mode; an episode that it left out has no mode, whatever older ones say."""
-    campaign, other = crashed(store), crashed(store)
-    equal(store.analyses.find_newest(campaign.id), None, "The newest analysis before the first")
-    older = analysed(store, campaign, analysis_result())
-    latest = replace(analysis_result(2), episodes=(2, 3), labels=(0, 0))
-    newest = analysed(store, campaign, latest)
-    store.analyses.create(campaign.id, AnalysisSettings())
-    analysed(store, other, analysis_result())
-    equal(store.analyses.find_newest(campaign.id), newest, "The newest analysis that is done")
-    rows = store.episodes.page(campaign.id, 10).items
-    equal([row.mode for row in rows], [None, None, 1, 1], "Modes of the newest analysis")
-    found = [mode.analysis for mode in store.analyses.find_modes(campaign.id, 0)]
-    equal(found, [older], "Analyses that have an episode")
 
 
 def sorts_the_failures_of_a_mode(store: Store) -> None:
@@ -130,13 +104,3 @@ def sorts_the_failures_of_a_mode(store: Store) -> None:
     equal([row.campaign for row in mildest], [one.id, other.id], "The mildest first, two of them")
     equal(store.episodes.list_mode_failures(analysis, 3, worst, 10), [], "Failures of no mode")
     equal([row.mode for row in rows], [2, 2, 2], "Modes of campaigns that were analysed together")
-
-
-CHECKS = (
-    names_modes_by_their_words,
-    keeps_the_names_of_modes,
-    knows_no_modes_of_strangers,
-    finds_episodes_by_mode,
-    knows_the_newest_analysis_of_a_campaign,
-    sorts_the_failures_of_a_mode,
-)

@@ -2,7 +2,7 @@
 
 from accepted import accept_spec, accept_specs
 
-from eigenfail.errors import IdempotencyMismatch, IllegalTransition, NotFound
+from eigenfail.errors import IdempotencyMismatch, IllegalTransition
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import spec
 from eigenfail.values.analysis import AnalysisSettings
@@ -10,7 +10,7 @@ from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.records import JobKind
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, equal
+from store_checks.examples import equal
 
 LONG_S = 600.0
 LOW, NORMAL, HIGH = Priority
@@ -42,9 +42,6 @@ def changes_no_priority_at_the_end(store: Store) -> None:
     with expect_error(IllegalTransition, "A campaign that had ended was given a priority."):
         store.campaigns.prioritise(campaign, HIGH)
     equal(store.campaigns.get(campaign), ended, "The campaign that had ended")
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"Campaign {stranger} was given a priority."):
-            store.campaigns.prioritise(stranger, HIGH)
 
 
 def knows_requests_at_whatever_priority(store: Store) -> None:
@@ -72,11 +69,3 @@ def claims_the_urgent_first(store: Store) -> None:
     found = [job and (job.subject if job.kind is JobKind.CAMPAIGN else "analysis") for job in jobs]
     wanted = [made[2], made[3], made[4], made[1], "analysis", made[0]]
     equal(found, wanted, "What is claimed, one after the other")
-
-
-CHECKS = (
-    keeps_priorities,
-    changes_no_priority_at_the_end,
-    knows_requests_at_whatever_priority,
-    claims_the_urgent_first,
-)

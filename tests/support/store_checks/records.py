@@ -1,14 +1,13 @@
 """Checks of `EventLog`, `CheckpointStore` and `AnalysisStore`."""
 
-from eigenfail.errors import NotFound
-from eigenfail.testing import expect, expect_error
+from eigenfail.testing import expect
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, AnalysisState
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.records import JobKind
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, alike, equal, running
+from store_checks.examples import alike, equal, running
 
 
 def numbers_events(store: Store) -> None:
@@ -60,15 +59,6 @@ def keeps_the_last_checkpoint(store: Store) -> None:
     equal(store.checkpoints.load(other.id), None, "Another campaign's checkpoint")
 
 
-def knows_no_checkpoints_of_strange_campaigns(store: Store) -> None:
-    """An id that nothing has is NotFound."""
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"A checkpoint of campaign {stranger} was saved."):
-            store.checkpoints.save(stranger, b"state")
-        with expect_error(NotFound, f"A checkpoint of campaign {stranger} was recovered."):
-            store.checkpoints.recover(stranger)
-
-
 def keeps_the_last_estimate(store: Store) -> None:
     """A campaign carries what its learner told with the last checkpoint; campaigns do not share."""
     one, other = running(store), running(store)
@@ -92,16 +82,6 @@ def keeps_the_last_estimate(store: Store) -> None:
     equal(store.campaigns.get(other.id).estimate, None, "Another campaign's estimate")
     store.checkpoints.save(one.id, b"state")
     equal(store.campaigns.get(one.id).estimate, None, "The estimate after none was told")
-
-
-def keeps_how_many_episodes_were_trained_with(store: Store) -> None:
-    """A campaign carries what its learner told with the last checkpoint."""
-    one, other = running(store), running(store)
-    equal(store.campaigns.get(one.id).trained_episodes, None, "Before the first checkpoint")
-    for count in (0, 170):
-        store.checkpoints.save(one.id, b"state", trained_episodes=count)
-        equal(store.campaigns.get(one.id).trained_episodes, count, "Episodes trained with")
-    equal(store.campaigns.get(other.id).trained_episodes, None, "Another campaign's")
 
 
 def creates_queued_analyses(store: Store) -> None:
@@ -186,39 +166,3 @@ def pages_analyses(store: Store) -> None:
     equal(first.items[0].state, AnalysisState.DONE, "The state in a list")
     mine = store.analyses.page(10, campaign=one.id)
     equal([a.id for a in mine.items], [ids[2], ids[0]], "Analyses of one campaign")
-
-
-def knows_no_strange_analyses(store: Store) -> None:
-    """An id that nothing has is NotFound."""
-    campaign = running(store)
-    number = store.analyses.create(campaign.id, AnalysisSettings()).id
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"Analysis {stranger} was found."):
-            store.analyses.get(stranger)
-        with expect_error(NotFound, f"Analysis {stranger} was started."):
-            store.analyses.start(stranger)
-        with expect_error(NotFound, f"Analysis {stranger} failed."):
-            store.analyses.fail(stranger, "It cannot.")
-        with expect_error(NotFound, f"Analysis {stranger} was linked."):
-            store.analyses.link_replay(stranger, campaign.id)
-        with expect_error(NotFound, f"Analysis {stranger} has replays."):
-            store.analyses.replays(stranger)
-        with expect_error(NotFound, f"Campaign {stranger} replays."):
-            store.analyses.link_replay(number, stranger)
-
-
-CHECKS = (
-    numbers_events,
-    tells_the_newest_event_of_what_runs,
-    logs_without_a_campaign,
-    keeps_the_last_checkpoint,
-    knows_no_checkpoints_of_strange_campaigns,
-    keeps_the_last_estimate,
-    keeps_how_many_episodes_were_trained_with,
-    creates_queued_analyses,
-    finishes_analyses,
-    first_end_counts,
-    links_replays,
-    pages_analyses,
-    knows_no_strange_analyses,
-)

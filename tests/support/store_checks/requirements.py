@@ -87,11 +87,3 @@ def finds_episodes_by_a_requirement(store: Store) -> None:
     equal([row.index for row in list_rows("", "requirement_1")], [1, 2, 0, 3], "All, sorted")
     after = store.episodes.page(campaign.id, 1, 2, (), parse_sort("requirement_1"))
     equal(([row.index for row in after.items], after.next), ([0], 0), "The page behind one")
-
-
-CHECKS = (
-    finds_episodes_by_a_requirement,
-    keeps_the_robustness_of_each_requirement,
-    counts_violations_as_failures,
-    refuses_what_is_not_judged,
-)

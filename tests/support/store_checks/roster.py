@@ -86,12 +86,3 @@ def told(presence: Presence) -> Arrival:
         pid=presence.pid,
         versions=presence.versions,
     )
-
-
-CHECKS = (
-    keeps_who_is_there,
-    keeps_many_versions,
-    tells_who_was_heard_lately,
-    finds_who_had_a_name,
-    takes_a_crowd_at_a_time,
-)

@@ -111,11 +111,3 @@ def adds_overhead(store: Store) -> None:
     found = store.campaigns.get(campaign.id)
     equal((found.active_s, found.overhead), (7.0, Overhead(1.0, 0.75, 0.25)), "Overhead")
     equal(store.campaigns.get(other.id).overhead, Overhead(), "Overhead of another campaign")
-
-
-CHECKS = (
-    sums_up_safety,
-    shows_failures_as_points,
-    follows_progress,
-    adds_overhead,
-)

@@ -52,18 +52,6 @@ def leaves_out_what_was_made_of_members(store: Store) -> None:
     )
 
 
-def pages_a_suite(store: Store) -> None:
-    """Pages of a suite follow each other, also of one state."""
-    one, _, two, three = ids(store, "a: 1", "b: 1", "a: 2", "a: 3")
-    store.campaigns.move(two, S.PAUSED)
-    first = store.campaigns.page(2, where=CampaignFilter(suite="a"))
-    second = store.campaigns.page(2, first.next, CampaignFilter(suite="a"))
-    equal([c.id for c in (*first.items, *second.items)], [three, two, one], "A suite in pages")
-    equal(second.next, None, "The cursor of the last page")
-    paused = store.campaigns.page(2, where=CampaignFilter(state=S.PAUSED, suite="a"))
-    equal([campaign.id for campaign in paused.items], [two], "Paused campaigns of a suite")
-
-
 def lists_suites(store: Store) -> None:
     """Suites with sums over their campaigns, those with the newest campaigns first."""
     member = running(store, name="b: 1")
@@ -134,14 +122,3 @@ def creates_what_is_missing_of_a_suite(store: Store) -> None:
         raise AssertionError("A key of another spec was accepted.")
     found = store.campaigns.page(10, where=CampaignFilter(suite="m")).items
     equal([each.spec.seed for each in found], [0, 1], "Campaigns after a refused call")
-
-
-CHECKS = (
-    finds_the_campaigns_of_a_suite,
-    leaves_out_what_was_made_of_members,
-    pages_a_suite,
-    lists_suites,
-    tells_errored_campaigns_of_suites_apart,
-    takes_any_name,
-    creates_what_is_missing_of_a_suite,
-)

@@ -4,12 +4,11 @@ from threading import Thread
 
 from msgspec.structs import replace
 
-from eigenfail.errors import NotFound
-from eigenfail.testing import expect, expect_error
+from eigenfail.testing import expect
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values.triage import Triage, TriageChange, TriageState
 from eigenfail_services.store.store import Store
-from store_checks.examples import BEYOND, equal
+from store_checks.examples import equal
 from store_checks.modes import analysed, crashed
 
 CONFIRMED = TriageChange(TriageState.CONFIRMED, note="It brakes late.\nÖ")
@@ -67,16 +66,6 @@ def shows_states_in_lists(store: Store) -> None:
     equal(store.episodes.digest(campaign.id), digest, "The digest after triage")
 
 
-def knows_no_strangers(store: Store) -> None:
-    """What does not exist has no triage."""
-    analysis = analysed(store, crashed(store), analysis_result())
-    for parent, number in ((analysis, 3), *((each, 1) for each in BEYOND)):
-        with expect_error(NotFound, f"Mode {number} of {parent} has triage."):
-            store.analyses.get_triage(parent, number)
-        with expect_error(NotFound, f"Mode {number} of {parent} was changed."):
-            store.analyses.change_triage(parent, number, CONFIRMED, "anna")
-
-
 def loses_no_change_of_others(store: Store) -> None:
     """Each of several changes at a time is made to what the one before has left."""
     analysis = analysed(store, crashed(store), analysis_result())
@@ -97,11 +86,3 @@ def loses_no_change_of_others(store: Store) -> None:
     last = store.analyses.get_triage(analysis, 1).note
     equal(sorted([*seen, last]), sorted(["", *names]), "Notes that the changes have found")
     expect(last in names, f"The last note is of a clerk: {last}.")
-
-
-CHECKS = (
-    keeps_triage_of_modes,
-    shows_states_in_lists,
-    knows_no_strangers,
-    loses_no_change_of_others,
-)

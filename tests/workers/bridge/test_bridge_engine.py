@@ -2,15 +2,12 @@
 
 from functools import cache
 
-import numpy as np
 import pytest
 
 from eigenfail.contracts import LockstepEngine
-from eigenfail.errors import InvalidValue
 from eigenfail.values import episode
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.engines import make_engine
 
 NOISY = DisturbanceModel(scale=2.0)
 IN_BATCHES_OF = (1, 5, 16)
@@ -57,24 +54,6 @@ def test_an_episode_does_not_depend_on_its_neighbours(serving, on_bridge) -> Non
     with serving(slots=5) as address:
         backwards = list(on_bridge(address, disturbance=NOISY).run(tasks(EPISODES)[::-1]))
     assert found == [[each.digest() for each in backwards[::-1]]] * len(IN_BATCHES_OF)
-
-
-def test_scenes_and_measures_are_those_of_the_built_in_world(serving, on_bridge) -> None:
-    (expected,) = built_in("idm").run(tasks(1))
-    with serving() as address:
-        (found,) = on_bridge(address, disturbance=NOISY).run(tasks(1))
-    assert found.measures == expected.measures
-    np.testing.assert_array_equal(found.scene.vehicles, expected.scene.vehicles)
-    np.testing.assert_array_equal(found.scene.controls, expected.scene.controls)
-    np.testing.assert_array_equal(found.scene.perceived, expected.scene.perceived)
-
-
-def test_a_stored_episode_is_the_same_when_it_is_replayed(serving, on_bridge) -> None:
-    with serving() as address:
-        (first,) = on_bridge(address, disturbance=NOISY).run(tasks(1))
-        again = episode.EpisodeTask(0, first.seed, episode.TrajectorySource(first.noise.z))
-        (replayed,) = on_bridge(address, disturbance=NOISY).run([again])
-    assert replayed.digest() == first.digest()
 
 
 def test_parameters_are_drawn_here_and_told_to_the_bridge(serving, on_bridge) -> None:
@@ -134,10 +113,3 @@ def test_it_is_an_engine_that_runs_episodes_side_by_side(serving, on_bridge) -> 
             finished += engine.turn()
         assert sorted(each.index for each in finished) == [0, 1, 2]
         assert engine.room == 3
-
-
-def test_a_worker_without_a_bridge_says_so(monkeypatch) -> None:
-    monkeypatch.delenv("EIGENFAIL_BRIDGE", raising=False)
-    setup = episode.EpisodeSetup("bridge", "cut_in", {"steps": 9}, "idm", {}, DisturbanceModel())
-    with pytest.raises(InvalidValue, match=r"this worker has no bridge\. Start it with --bridge"):
-        make_engine(setup)

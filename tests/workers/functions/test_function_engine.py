@@ -223,8 +223,6 @@ WRONG = {
     "is beyond what is kept": (of_trajectory(lambda _: 1e300), r"returned 1e\+300.*-1e\+15 to"),
     "is a failure beyond it": (of_trajectory(lambda _: -1e16), r"returned -1e\+16"),
     "is infinite": (of_trajectory(lambda _: float("inf")), "returned inf"),
-    "is beyond float32": (of_trajectory(lambda _: 1e300), r"returned 1e\+300"),
-    "is beyond float32 below": (of_trajectory(lambda _: -4e38), r"returned -4e\+38"),
     "is nothing": (of_trajectory(lambda _: None), r"shape \(\) and type object"),
     "is a truth value": (of_trajectory(lambda _: True), "type bool"),
     "is complex": (of_trajectory(lambda _: 1j), "type complex128"),
@@ -294,11 +292,6 @@ def test_outside_the_main_thread_there_is_no_limit_and_all_the_rest():
     assert digests(results) == digests(run(half_space, tasks(3)))
 
 
-def test_a_policy_that_is_not_known_fails_its_episode():
-    (result,) = FunctionEngine(half_space, STEPS).run(tasks(1, "policy"))
-    assert (result.outcome, result.fault.kind, result.steps) == (Outcome.ERRORED, "input", 0)
-
-
 def test_the_oldest_policies_make_room():
     engine = FunctionEngine(half_space, STEPS)
     for version in range(MOST_POLICIES + 1):
@@ -306,7 +299,7 @@ def test_the_oldest_policies_make_room():
     first, last = engine.run(
         [EpisodeTask(0, 0, PolicySource(0)), EpisodeTask(1, 0, PolicySource(MOST_POLICIES))]
     )
-    assert first.fault is not None
+    assert (first.outcome, first.fault.kind, first.steps) == (Outcome.ERRORED, "input", 0)
     assert last.fault is None
 
 

@@ -69,30 +69,18 @@ def test_from_corner_to_corner() -> None:
 @pytest.mark.parametrize(
     "other",
     [
-        square(40.0, 0.0, 0.0, 24.0),
-        square(40.0, 0.0, 0.0, 30.0),
-        square(-40.0, 0.0, 0.0, 10.0),
-        square(40.0, 3.5, 0.0, 0.0),
-        square(40.0, 3.5, LEFT, 2.0),
-        square(40.0, 3.5, RIGHT, 1.24),
-        square(40.0, -3.5, LEFT, 1.24),
-    ],
-    ids=[
-        "as fast",
-        "faster ahead",
-        "slower behind",
-        "stays in the next lane",
-        "leaves",
-        "comes over too slowly",
-        "comes over too slowly from the right",
+        pytest.param(square(40.0, 0.0, 0.0, 24.0), id="as fast"),
+        pytest.param(square(40.0, 0.0, 0.0, 30.0), id="faster ahead"),
+        pytest.param(square(-40.0, 0.0, 0.0, 10.0), id="slower behind"),
+        pytest.param(square(40.0, 3.5, 0.0, 0.0), id="stays in the next lane"),
+        pytest.param(square(40.0, 3.5, LEFT, 2.0), id="leaves"),
+        pytest.param(square(40.0, 3.5, RIGHT, 1.24), id="comes over too slowly"),
+        pytest.param(square(40.0, -3.5, LEFT, 1.24), id="comes over too slowly from the right"),
+        pytest.param(square(8.5, 0.0, 0.0, 0.0), id="touches"),
     ],
 )
 def test_no_conflict(other: VehicleState) -> None:
     assert of(TRUCK, other) is None
-
-
-def test_there_is_none_at_contact() -> None:
-    assert of(TRUCK, square(8.5, 0.0, 0.0, 0.0)) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -163,26 +151,6 @@ def test_survives_being_mirrored_across_the_road(a: VehicleState, b: VehicleStat
 
     if clear(a, b):
         assert close(of(mirrored(a), mirrored(b)), of(a, b))
-
-
-@many
-@given(st.floats(1.0, 60.0), st.floats(1.0, 60.0), st.floats(0.1, 20.0), st.floats(0.1, 20.0))
-def test_nearer_or_faster_is_never_safer(
-    one_m: float, other_m: float, one_mps: float, other_mps: float
-) -> None:
-    near_m, far_m = sorted((one_m, other_m))
-    slow_mps, fast_mps = sorted((one_mps, other_mps))
-
-    def behind(gap_m: float, closing_mps: float) -> TrafficConflict:
-        found = of(TRUCK, square(9.0 + gap_m, 0.0, 0.0, 24.0 - closing_mps))
-        assert found is not None
-        return found
-
-    worse, better = behind(near_m, fast_mps), behind(far_m, slow_mps)
-    assert worse.ttc_s <= better.ttc_s
-    assert worse.drac_mps2 >= better.drac_mps2
-    # v² / 2g = v / (2 · TTC): at TTC = 1.5 s a third of the closing speed
-    assert worse.drac_mps2 == pytest.approx(fast_mps / (2.0 * worse.ttc_s))
 
 
 place = st.floats(-40.0, 40.0)

@@ -157,11 +157,6 @@ def test_only_simulators_that_offer_it_hide_vehicles(make_engine, plug_in) -> No
     assert b"occlusion" not in msgspec.json.encode(resolve_disturbance(off))
 
 
-def test_a_channel_that_there_is_not_is_refused_at_the_engine(make_engine) -> None:
-    with pytest.raises(UnknownName, match="vehicle_3"):
-        make_engine(disturbance=DisturbanceModel(channels=(Channel("vehicle_3.speed"),)))
-
-
 def test_a_function_has_no_channels_to_name_here() -> None:
     fields = {"name": "x", "method": "held", "episodes": 5}
     model = DisturbanceModel(channels=(Channel("speed"),))
@@ -245,15 +240,6 @@ def test_later_z_of_a_searched_parameter_are_without_effect(make_engine) -> None
     (again,) = run(engine, (EpisodeTask(7, first.seed, TrajectorySource(z)),))
     assert again.scene.vehicles.tobytes() == first.scene.vehicles.tobytes()
     assert again.noise.log_probability == first.noise.log_probability
-
-
-def test_a_replay_of_a_searched_scenario_is_bit_for_bit(make_engine) -> None:
-    engine = searched(make_engine)
-    first = run(engine)
-    replays = tuple(
-        EpisodeTask(50 + each.index, each.seed, TrajectorySource(each.noise.z)) for each in first
-    )
-    assert [each.digest() for each in run(engine, replays)] == [each.digest() for each in first]
 
 
 def test_under_a_policy_a_parameter_is_drawn_and_observed(make_engine) -> None:

@@ -28,11 +28,6 @@ def test_paper_equation_3(sign: float) -> None:
     assert sigma == pytest.approx((0.02 * 50.0 + 1.0, 0.00625 * 3.2 + 0.2), rel=1e-6)
 
 
-def test_coefficients_are_the_campaigns() -> None:
-    model = DisturbanceModel(0.5, 3.0, 0.25, 2.0)
-    assert compute_deviations(model, at(0.0, 0.0), at(4.0, 8.0)) == (5.0, 4.0)
-
-
 @settings(deadline=None, derandomize=True, max_examples=100)
 @given(st.floats(-500.0, 500.0), st.floats(-10.0, 10.0))
 def test_what_is_stored_is_what_was_used(x: float, y: float) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
+from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import (
     EpisodeResult,
     EpisodeTask,
@@ -121,16 +121,6 @@ def test_correlated_noise_goes_on_over_the_change(
     z = result.noise.z[change]
     assert after[0] == pytest.approx(0.9 * before[0] + (1.0 - 0.81) ** 0.5 * z[0])
     assert after[1] == pytest.approx(0.6 * before[1] + 0.8 * z[1])
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_noise_given_in_metres_is_injected_in_metres(make_engine: MakeEngine, shape: Shape) -> None:
-    engine = make_engine(disturbance=DisturbanceModel(shape=shape), scene_every=1)
-    (calm,) = run(engine, EpisodeTask(0, 1, TrajectorySource(np.zeros((0, 2), np.float32))))
-    wanted = np.array([[0.5, -0.1]])
-    noise = NoiseTrajectory.from_injected(wanted, calm.noise.sigma[:1], shape)
-    (result,) = run(engine, EpisodeTask(0, 1, TrajectorySource(noise.z)))
-    np.testing.assert_allclose(result.noise.injected[:1], wanted, rtol=1e-5)
 
 
 def test_a_result_knows_its_shape_even_if_it_broke(

@@ -76,11 +76,6 @@ def merge() -> ExplainedEpisode:
     return explain(setup("merge_in", "rulebook", "highway"), CALM)
 
 
-def test_at_the_defaults_the_rulebook_merges_undisturbed(merge):
-    assert not merge.result.is_failure
-    assert has_merged(merge.result)
-
-
 def test_at_the_defaults_the_baseline_waits_until_both_cars_have_passed():
     result = explain(setup("merge_in", "idm", "highway"), CALM).result
     assert not result.is_failure

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from eigenfail.values.scene import VehicleState
-from eigenfail_workers.planners.idm import gap_m, least_gap_behind
+from eigenfail_workers.planners.idm import least_gap_behind
 
 EGO = VehicleState(0.0, 0.0, 0.0, 20.0, 16.0, 2.5)
 CAR = VehicleState(0.0, 3.5, 0.0, 20.0, 5.0, 2.0)
@@ -56,8 +56,3 @@ def test_more_room_behind_is_as_much_more_at_the_nearest(lead, room, own, gap, f
     )
     assert far - near == pytest.approx(1.0)
     assert near <= gap + 1e-9
-
-
-def test_the_gap_is_between_bumpers():
-    assert gap_m(behind(7.0), EGO) == pytest.approx(7.0)
-    assert gap_m(EGO, ahead(7.0)) == pytest.approx(7.0)

@@ -24,11 +24,6 @@ def test_a_steady_candidate_stays_as_it_is():
     assert first == pytest.approx(-1.0, abs=0.02)
 
 
-def test_a_jump_is_smoothed():
-    _, first = refine(-2.0)
-    assert -2.0 < first < -1.0
-
-
 def test_it_brakes_for_a_lead_that_the_candidate_forgot():
     assert refine(0.0, Neighbour(60.0, 0.0, 20.0))[1] == pytest.approx(0.0, abs=0.02)
     assert refine(0.0, Neighbour(20.0, 0.0, 10.0))[1] < -0.5
@@ -38,15 +33,6 @@ def test_a_hopeless_gap_is_paid_for_with_slack_not_with_infeasibility():
     status, first = refine(-4.0, Neighbour(1.0, 0.0, 0.0), acceleration=-7.0)
     assert status is QpStatus.SOLVED
     assert -7.1 <= first <= -3.0
-
-
-def test_after_a_reset_nothing_is_remembered():
-    refiner = Refiner(RefineSettings(), LIMITS)
-    fresh = refine(-1.0, refiner=refiner)
-    for lead in (Neighbour(10.0, 0.0, 5.0), None):
-        refine(-3.0, lead, refiner=refiner)
-    refiner.reset()
-    assert refine(-1.0, refiner=refiner) == fresh
 
 
 EXACT = SolverSettings(tolerance=1e-8, max_iterations=50_000)

@@ -90,10 +90,3 @@ def test_a_position_of_nan_is_an_outlier_like_any_other(watched):
 def test_shaped_noise_crashes_it_at_neighbouring_distances_too(drive, offset_m):
     waves = [slow_square(half_period) for half_period in range(8, 21, 2)]
     assert share([drive(z, distance_m=58.0 + offset_m) for z in waves]) >= 0.8
-
-
-def test_noise_that_is_held_crashes_it_more_often_than_white_noise_of_the_same_values(drive):
-    rng = np.random.default_rng(12)
-    white = [rng.uniform(-3, 3, (STEPS, 2)) for _ in range(40)]
-    held = [np.repeat(z[::5], 5, axis=0) for z in white]
-    assert share(map(drive, held)) >= share(map(drive, white)) + 0.25

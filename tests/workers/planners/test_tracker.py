@@ -123,13 +123,6 @@ def test_the_gate_is_on_the_sum_of_both_axes(watch):
     assert track.misses == 1
 
 
-def test_every_vehicle_has_its_own_track(truck, car):
-    tracker = Tracker(SETTINGS, 0.1)
-    for _ in range(6):
-        near, far = tracker.update(Perception(0.0, truck, (car(40.0, 3.5), car(90.0, 0.0)), (1, 2)))
-    assert near.along.position_m < 50.0 < far.along.position_m
-
-
 def test_a_vehicle_that_is_not_detected_is_a_miss(truck, car):
     """Its track coasts, is given up, and is born again with the vehicle's number, alone of all."""
     tracker, near, far = Tracker(SETTINGS, 0.1), car(40.0, 3.5), car(90.0, 0.0)

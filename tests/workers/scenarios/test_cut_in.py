@@ -1,8 +1,6 @@
 """The cut-in: its geometry, its script, its bounds."""
 
 import itertools
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -69,9 +67,3 @@ def test_parameters_outside_their_bounds_are_refused_by_name(value):
 def test_unknown_parameters_are_refused_with_the_known_ones():
     with pytest.raises(UnknownName, match="distance_m"):
         situation(distance=58.0)
-
-
-def test_the_module_is_light():
-    code = "import sys, eigenfail_workers.scenarios.cut_in; print('highway_env' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"

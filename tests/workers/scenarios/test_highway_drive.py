@@ -286,8 +286,3 @@ def test_noise_of_every_vehicle_is_of_the_five():
     assert result.fault is None
     assert result.noise.z.shape == (420, 11)
     assert result.measures.cause is None
-
-
-def test_parameters_outside_their_bounds_are_refused():
-    with pytest.raises(InvalidValue, match="slow_gap_m"):
-        situation(slow_gap_m=60.0)

@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 
-from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
 from eigenfail_workers.scenarios.lead_brake import LeadBrake, LeadBrakeParameters
 
@@ -32,8 +31,3 @@ def test_it_starts_as_it_stands_there_and_stays_in_its_lane():
     falls = [before.speed_mps - after.speed_mps for before, after in itertools.pairwise(states)]
     assert max(falls) == pytest.approx(3.5 * now.mission.dt_s)
     assert min(falls) >= 0.0
-
-
-def test_parameters_outside_their_bounds_are_refused():
-    with pytest.raises(InvalidValue, match="deceleration_mps2"):
-        situation(deceleration_mps2=4.1)

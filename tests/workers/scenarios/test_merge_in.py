@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail_workers.scenarios.merge_in import MergeIn, MergeInParameters
 
@@ -43,10 +42,3 @@ def test_the_cars_keep_speed_and_lane_whatever_the_truck_does():
         moved = now.move_actor(actor, 100, beside)
         assert moved.x_m == pytest.approx(start.x_m + 10.0 * start.speed_mps)
         assert msgspec.structs.replace(moved, x_m=start.x_m) == start
-
-
-def test_parameters_are_refused_by_name():
-    with pytest.raises(InvalidValue, match="gap_s"):
-        situation(gap_s=2.8)
-    with pytest.raises(UnknownName, match="behind_m"):
-        situation(behind=0.0)

@@ -132,13 +132,6 @@ def test_an_episode_that_writes_into_the_pipe_of_results_is_given_up(hub, parent
     assert hub.hear(messages.Results).results[0].outcome is not Outcome.ERRORED
 
 
-def test_an_unknown_planner_fails_its_episodes_with_the_known_names(hub, parent) -> None:
-    hub.say(setup("rulebok"), lease(0))
-    fault = hub.hear(messages.Results).results[0].fault
-    assert fault.kind == "input"
-    assert "rulebook" in fault.message
-
-
 def test_nonsense_is_passed_over(hub, parent) -> None:
     hub.say(b"", b"\x80\x04K\x01.", b"GET / HTTP/1.1\r\n\r\n", b"\xc1" * 1000)
     assert hub.hear(messages.Heartbeat)
@@ -154,19 +147,6 @@ def test_a_dropped_campaign_is_not_run_on(hub, parent) -> None:
     assert len(indices) < 60
 
 
-def test_goodbye_is_obeyed_and_answered(hub, parent) -> None:
-    hub.say(messages.Goodbye())
-    assert hub.hear(messages.Goodbye)
-
-
-def test_a_campaign_dropped_while_its_episode_hangs_is_nobodys_trouble(hub, impatient) -> None:
-    hub.say(setup("test_hangs"), lease(0, 1))
-    while hub.hear(messages.Heartbeat).running != 0:
-        pass
-    hub.say(messages.Drop(1), setup("idm"), lease(7))
-    assert [r.index for r in hub.hear(messages.Results).results] == [7]
-
-
 def test_an_episode_that_hangs_is_tried_anew_when_leased_again_after_its_campaign_was_dropped(
     hub, impatient
 ) -> None:
@@ -175,13 +155,6 @@ def test_an_episode_that_hangs_is_tried_anew_when_leased_again_after_its_campaig
         pass
     hub.say(messages.Drop(1), setup("idm"), lease(0))
     assert [(r.index, r.fault) for r in hub.hear(messages.Results).results] == [(0, None)]
-
-
-def test_a_result_that_is_asked_for_again_is_sent_again(hub, parent) -> None:
-    hub.say(setup("idm"), lease(0))
-    first = hub.hear(messages.Results).results[0]
-    hub.say(lease(0))
-    assert hub.hear(messages.Results).results[0].digest() == first.digest()
 
 
 def test_only_the_first_of_many_welcomes_brings_the_outbox(hub, parent) -> None:
