@@ -280,6 +280,16 @@ def test_what_a_worker_holds_is_left_with_it() -> None:
     assert [task.index for a in leases.assign() for task in a.tasks] == [2]
 
 
+def test_what_a_worker_names_no_longer_is_leased_to_any() -> None:
+    leases = Leases()
+    leases.open_session(b"a", hello(b"a", holdings=(claim(1, 0),)), 0.0)
+    for _ in range(MAX_UNNAMED_HEARTBEATS):
+        leases.record_heartbeat(b"a", None, set())
+    leases.offer(1, tasks(0))
+    assert leases.lease_held_episodes(of_ours) == set()
+    assert not leases.sessions[b"a"].held
+
+
 def test_of_two_that_hold_the_same_the_second_has_it_when_the_first_is_gone() -> None:
     leases = Leases()
     for worker in (b"a", b"b"):
