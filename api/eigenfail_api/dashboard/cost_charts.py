@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.json import encode
 
+from eigenfail.methods import traits_of
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import format_cell, read_number, read_text, tabulate
 from eigenfail.values.campaign_spec import Settings
@@ -46,14 +47,12 @@ PRICE = (
 
 MOST_BARS = 25
 REPLAY = "replay"
-REPETITIONS = frozenset({REPLAY, "nearest", "minimal"})
-"""Methods whose failures are those of an analysis, replayed."""
 
 
 def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
     """Return the chart of the newest campaigns' cost per failure, or its lower bound above zero."""
     # Failures that are repeated would seem cheap.
-    found = [summary for summary in summaries if summary.method not in REPETITIONS]
+    found = [summary for summary in summaries if traits_of(summary.method).finds_new]
     priced = [summary for summary in found if has_price(summary.cost)]
     if not priced:
         return None
@@ -66,7 +65,7 @@ def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
             "USD per failure, log scale. Campaigns that draw noise from p(x) have the 95 % "
             "interval that their failure rate gives; a search has none, since another seed may "
             "cost another amount. An arrow is the lower bound of a campaign without failures. "
-            "Replays and shrunk failures find nothing new and are left out."
+            "Campaigns that repeat what others found, such as replays, are left out."
         ),
         data={
             "campaigns": [

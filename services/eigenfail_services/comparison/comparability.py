@@ -12,7 +12,7 @@ from eigenfail.contracts import Injection
 from eigenfail.methods import traits_of
 from eigenfail.suites import KeyPath, list_leaves
 from eigenfail.values.campaign import Campaign
-from eigenfail.values.campaign_spec import CampaignSpec, Priority
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.comparison import Distinction, PairTotals
 from eigenfail.values.episode import EpisodeResult
 from eigenfail.worlds import list_channels
@@ -67,12 +67,15 @@ FlatSpec = Mapping[str, str]
 
 
 def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
-    """Group campaigns that differ only in name, priority and seed, in the order of their first."""
+    """Group campaigns whose settings in `THINGS` are equal, in the order of their first.
+
+    They may differ in their seed and in what changes no result, such as name, project and tags.
+    """
     # Defaults are filled in, so that a campaign that writes one out is like one that does not.
     found: dict[bytes, list[Campaign]] = {}
     for campaign in campaigns:
-        alike = replace(campaign.spec, name="alike", seed=0, priority=Priority.NORMAL)
-        key = msgspec.msgpack.encode(fill_defaults(alike), order="sorted")
+        fields = msgspec.to_builtins(fill_defaults(campaign.spec))
+        key = msgspec.json.encode({name: fields.get(name) for name in THINGS}, order="sorted")
         found.setdefault(key, []).append(campaign)
     return tuple(map(tuple, found.values()))
 

@@ -82,7 +82,7 @@ def test_groups_are_those_of_a_comparison(store: Store) -> None:
     assert [spread.name for spread in found] == ["distance_m=53", "distance_m=60"]
 
 
-def test_a_default_that_is_written_down_and_a_priority_make_no_difference(store: Store) -> None:
+def test_a_default_that_is_written_down_and_labels_make_no_difference(store: Store) -> None:
     made = [
         search(store, 1, "x", episodes=1, method="monte_carlo"),
         search(
@@ -91,6 +91,9 @@ def test_a_default_that_is_written_down_and_a_priority_make_no_difference(store:
             method="monte_carlo",
             settings={"round_size": 100},
             priority=Priority.HIGH,
+            project="fusion",
+            tags=("nightly",),
+            scene_every=7,
         ),
     ]
     assert len(group_alike(made)) == 1
