@@ -101,7 +101,7 @@ def test_other_columns_are_another_version() -> None:
     """A database that lacks a column would be opened, and fail later, if its version were equal."""
     names = sorted(str(each) for one in schema.metadata.sorted_tables for each in one.columns)
     digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
-    assert {schema.VERSION: digest} == COLUMNS
+    assert {schema.VERSION: digest} == COLUMNS, "other columns: a new version, and its digest here"
 
 
 def test_a_difference_would_be_seen(url, look) -> None:

@@ -129,7 +129,7 @@ def test_an_evaluation_tells_it_from_one_fixed_policy(problem, amplitude, target
 def test_failures_that_no_action_reaches_are_not_counted():
     """The untrained policy reaches less than half of them."""
     problem = OneAxis(0.1, steps=1)
-    learner = ast(2000, 1, **RANDOM, amplitude=1.6)
+    learner = ast(2000, 1, **RANDOM, amplitude=1.6, patience=None)
     learner._warm_up = 2000
     run(learner, 2000, problem.engine())
     found = learner.estimate()

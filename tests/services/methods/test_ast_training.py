@@ -75,7 +75,7 @@ def test_training_ends_with_the_round_that_makes_it_a_hundred_episodes_of_enough
 
 @pytest.mark.parametrize(("share", "corridor"), [(1.0, Corridor(wall=5.0)), (None, EASY)])
 def test_training_goes_on_where_it_does_not_converge(share, corridor):
-    learner = ast(converged_share=share)
+    learner = ast(converged_share=share, patience=None)
     run(learner, 150, corridor)
     assert learner.trained_episodes == 150
     assert learner.propose(1).policy.version == 14

@@ -26,7 +26,7 @@ from eigenfail.filters import (
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.episode import Outcome
-from eigenfail.values.measures import Measures
+from eigenfail.values.measures import MEASURES, Measures
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.listing import page_queries
@@ -51,10 +51,11 @@ def conditions(draw):
 
 
 def measures():
-    maybe = st.none() | FEW
-    floats = dict.fromkeys(Measures.__struct_fields__[1:-3], maybe)
-    counts = dict.fromkeys(Measures.__struct_fields__[-3:-1], st.none() | st.integers(0, 3))
-    return st.builds(Measures, FEW, **floats, **counts, cause=st.none() | WORDS)
+    def draw(measure):
+        return WORDS if measure.is_text else st.integers(0, 3) if measure.is_count else FEW
+
+    maybe = {name: st.none() | draw(each) for name, each in MEASURES.items()}
+    return st.builds(Measures, **maybe | {"robustness_m": FEW})
 
 
 @st.composite

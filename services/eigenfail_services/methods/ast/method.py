@@ -24,11 +24,11 @@ Count = Annotated[int, msgspec.Meta(ge=0)]
 WINDOW = 100
 """Number of the last episodes that show whether training has converged, or is stuck."""
 
-STUCK_SHARE = 0.05
+STUCK_SHARE = 0.1
 """Share of failures among them below which an attempt is given up."""
 
 WIDENING = 1.5
-"""Factor by which the amplitude grows where nothing has failed."""
+"""Factor by which the amplitude of the next attempt is larger."""
 
 
 class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,6 +58,9 @@ class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class RestartRule(msgspec.Struct, frozen=True):
     """When an attempt is given up, and what the next one changes.
 
+    An attempt that finds next to nothing has too few failures to learn from: within its amplitude,
+    episodes by chance fail too seldom. So the next one has a larger amplitude.
+
     Attributes:
         patience: number of episodes after which an attempt may be given up, if as many are left;
             None: never.
@@ -82,21 +85,19 @@ class RestartRule(msgspec.Struct, frozen=True):
         if self.patience is None or len(recent) < WINDOW:
             return False
         tried, left = observed - attempt.first, self.episodes - observed
-        # With fewer left, another attempt would be given less than the one that has found nothing.
+        # With fewer left, another attempt would be given less than the one that is given up.
         is_due = tried >= self.patience <= left
         return is_due and sum(recent) < STUCK_SHARE * WINDOW
 
-    def start_next(self, attempt: Attempt, first: int, kept: int, *, found: bool) -> Attempt:
+    def start_next(self, attempt: Attempt, first: int, kept: int) -> Attempt:
         """Return the attempt after one that was given up.
 
         Args:
             attempt: the one before.
             first: index of its first episode.
             kept: number of episodes that were added to buffers so far.
-            found: whether any episode of the campaign failed; if not, the amplitude is widened.
         """
-        widening = attempt.widening if found else self.widen(attempt.widening)
-        return Attempt(attempt.number + 1, first, kept, widening)
+        return Attempt(attempt.number + 1, first, kept, self.widen(attempt.widening))
 
     def widen(self, widening: float) -> float:
         """Return the next larger widening, within `largest_amplitude`."""
@@ -129,7 +130,6 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         fresh: number of decisions without gradient steps yet.
         recent: whether the last episodes in the buffer failed.
         converged: whether training has ended.
-        failures: number of failures among the observed episodes.
         attempt: the present attempt.
         sums: sums of the importance weights of failures.
         under: encoded policies of the open rounds that will be weighted.
@@ -145,7 +145,6 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fresh: Count = 0
     recent: tuple[bool, ...] = ()
     converged: bool = False
-    failures: Count = 0
     attempt: Attempt = Attempt()
     sums: WeightedFailures = WeightedFailures()
     under: bytes = b""
@@ -198,7 +197,7 @@ class AdaptiveStressTesting:
 
     When `converged_share` of the last 100 episodes failed, training ends, and the campaign goes on
     with the present policy. When next to none failed after `patience` episodes, training starts
-    anew with other networks; as long as nothing has failed, with a larger amplitude.
+    anew with other networks and a larger amplitude.
 
     Raises:
         InvalidValue: the campaign of `warm_start` is not available or does not fit.
@@ -277,11 +276,7 @@ class AdaptiveStressTesting:
             LearnerFailed: an episode holds NaN.
         """
         first = self._facts.observed
-        self._facts = structs.replace(
-            self._facts,
-            observed=first + len(results),
-            failures=self._facts.failures + sum(result.is_failure for result in results),
-        )
+        self._facts = structs.replace(self._facts, observed=first + len(results))
         self._probability.end(first, results)
         # A round that was proposed before a restart has the old amplitude, and is not learnt from.
         if not self._facts.converged and first >= self._facts.attempt.first:
@@ -380,9 +375,7 @@ class AdaptiveStressTesting:
         """Start the next attempt where the present one finds next to nothing."""
         facts, rule = self._facts, self._restarts
         if not facts.converged and rule.is_stuck(facts.attempt, facts.observed, facts.recent):
-            attempt = rule.start_next(
-                facts.attempt, facts.proposed, facts.kept, found=facts.failures > 0
-            )
+            attempt = rule.start_next(facts.attempt, facts.proposed, facts.kept)
             # A new version: workers know the last one as the policy of the old networks.
             self._facts = structs.replace(
                 facts, version=facts.version + 1, fresh=0, recent=(), attempt=attempt
