@@ -11,6 +11,7 @@ from eigenfail.values.campaign import Campaign, CampaignState, Counts, Overhead
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.summary import SpendingTotals, StoredProgress
 from eigenfail_services.analysis.campaign_figures import (
+    SLACK_S,
     KnownModes,
     _find_longest_gap,
     _list_active_s,
@@ -91,6 +92,15 @@ def test_a_pause_costs_nothing() -> None:
     assert has_unbilled_time(ran, at_ms)
     # 10 + 3 c = 100.
     assert _list_active_s(ran, at_ms) == pytest.approx([30.0, 60.0, 90.0, 100.0])
+
+
+@pytest.mark.parametrize(
+    ("last_s", "cut"), [(100.0, False), (100.0 + SLACK_S, False), (100.1 + SLACK_S, True)]
+)
+def test_time_beyond_that_billed_is_counted_from_the_start(last_s: float, cut: bool) -> None:
+    at_ms = [each.at_ms for each in progress(0.001, last_s)]
+    assert has_unbilled_time(campaign(), at_ms) is cut
+    assert not has_unbilled_time(campaign(), [])
 
 
 def test_the_longest_gap_by_hand() -> None:

@@ -35,6 +35,8 @@ from eigenfail_services.statistics.subset_simulation import (
 from eigenfail_services.store.store import Store
 
 HIGH, LOW = 3.0, 3.4
+WIDE = {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}
+"""Settings of `cem` whose failures keep their weights."""
 
 
 def tail(threshold: float) -> float:
@@ -71,7 +73,6 @@ def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:
         told = estimate_modes(simulation(8000, seed), values, mode_of, 2)
         assert told is not None
         for found, truth in zip(told, (tail(HIGH), tail(LOW)), strict=True):
-            assert found.interval is not None
             held += found.interval.low <= truth <= found.interval.high
     assert held >= 35
 
@@ -80,17 +81,12 @@ def test_the_modes_add_up_to_the_whole() -> None:
     values, mode_of = simulated(8000, 1)
     apart = estimate_modes(simulation(8000, 1), values, mode_of, 2)
     together = estimate_modes(simulation(8000, 1), values, dict.fromkeys(mode_of, 0), 1)
-    assert apart is not None
-    assert together is not None
-    assert apart[0].probability is not None
-    assert apart[1].probability is not None
     assert together[0].probability == pytest.approx(apart[0].probability + apart[1].probability)
 
 
 def test_few_lineages_make_no_number() -> None:
     values, mode_of = simulated(600, 0)
     told = estimate_modes(simulation(600, 0), values, mode_of, 2)
-    assert told is not None
     assert told[1].probability is None
     assert "independent first draws" in told[1].problem
 
@@ -139,20 +135,6 @@ def sides(store: Store, campaign: Campaign) -> dict[int, int]:
     return {index: int(z[:, 0].sum() < 0.0) for index, z in each}
 
 
-def test_the_weights_of_cem_are_shared_among_the_modes(store: Store) -> None:
-    campaign, learner = ran(store, "cem", 1600, batch=200, min_std=1.0, mean_smoothing=0.05)
-    told = estimate_by_weights(store, campaign, sides(store, campaign), 2)
-    for found in told:
-        assert found is not None
-        assert found.probability is not None
-        assert found.cv is not None
-        around = log_normal(found.probability, found.cv)
-        assert around.low <= tail(1.0) <= around.high
-        assert (found.bound, found.interval) == ("lower", None)
-    whole = learner.estimate().probability
-    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
-
-
 def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: Store) -> None:
     campaign, learner = ran(store, "subset", 800)
     told = estimate_by_levels(store, campaign, sides(store, campaign), 2)
@@ -162,8 +144,7 @@ def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: Store) ->
 
 def evaluated(store: Store) -> tuple[Campaign, Any]:
     """An evaluation of what a campaign of `cem` learnt."""
-    settings = {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}
-    before, learner = ran(store, "cem", 800, **settings)
+    before, learner = ran(store, "cem", 800, **WIDE)
     checkpoint = Checkpoint(
         format=FORMAT,
         campaign_seed=3,
@@ -180,19 +161,21 @@ def evaluated(store: Store) -> tuple[Campaign, Any]:
     return ran(store, "evaluate", 1600, campaign=before.id)
 
 
-def test_the_weights_of_an_evaluation_are_shared_among_the_modes(store: Store) -> None:
-    campaign, learner = evaluated(store)
-    told = estimate_by_known_proposal(store, campaign, sides(store, campaign), 2)
+@pytest.mark.parametrize("evaluates", [False, True], ids=["cem", "evaluate"])
+def test_weights_are_shared_among_the_modes(store: Store, evaluates: bool) -> None:
+    if evaluates:
+        campaign, learner = evaluated(store)
+        told = estimate_by_known_proposal(store, campaign, sides(store, campaign), 2)
+        assert {found.episodes for found in told} == {1600}
+    else:
+        campaign, learner = ran(store, "cem", 1600, **WIDE)
+        told = estimate_by_weights(store, campaign, sides(store, campaign), 2)
     for found in told:
-        assert found is not None
-        assert found.probability is not None
-        assert found.cv is not None
         around = log_normal(found.probability, found.cv)
         assert around.low <= tail(1.0) <= around.high
         assert (found.bound, found.interval) == ("lower", None)
-        assert found.episodes == 1600
     whole = learner.estimate().probability
-    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
+    assert sum(each.probability for each in told) == pytest.approx(whole, rel=1e-6)
 
 
 @pytest.mark.parametrize("estimate", [None, Estimate(by="importance sampling", episodes=9)])
@@ -216,7 +199,6 @@ def test_monte_carlo_counts_the_failures_of_each_mode(store: Store) -> None:
     assert min(counts) > 0
     for mode, count in zip(told, counts, strict=True):
         found, wanted = mode.probability, rate(count, 38, errored=2)
-        assert found is not None
         assert (found.by, found.episodes) == ("Monte Carlo", 38)
         assert (found.probability, found.interval) == (wanted.value, wanted.interval)
         assert found.cv == pytest.approx(sqrt((1.0 - wanted.value) / (38 * wanted.value)))
@@ -229,7 +211,6 @@ def test_intervals_of_counted_modes_hold_their_probabilities() -> None:
         counts = (int((x > 1.0).sum()), int((x < -1.5).sum()))
         for count, p in zip(counts, truth, strict=True):
             found = estimate_share(rate(count, 500)).interval
-            assert found is not None
             held += found.low <= p <= found.high
     assert 0.93 * 400 <= held <= 0.97 * 400
 
@@ -252,7 +233,7 @@ def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> An
 @pytest.mark.parametrize(
     ("method", "episodes", "settings"),
     [
-        ("cem", 1600, {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}),
+        ("cem", 1600, WIDE),
         ("subset", 800, {}),
     ],
 )
@@ -262,7 +243,6 @@ def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
     begun, _ = ran(store, method, episodes, **settings)
     read = {index: mode for index, mode in sides(store, begun).items() if index < episodes // 2}
     for mode in add_probabilities(store, [begun], result(begun, read, 0.6)).modes:
-        assert mode.probability is not None
         assert mode.probability.probability is None
         assert "had not ended when the failures were read" in mode.probability.problem
     ended = over(store, begun)

@@ -203,13 +203,6 @@ def test_a_generation_without_an_episode_that_ran_is_drawn_again():
     assert (push(found[-1]) <= 0.0).any()
 
 
-@pytest.mark.parametrize("episodes", [1, 13, 59, 60, 61])
-def test_the_budget_may_end_within_a_generation(episodes):
-    learner = make_learner(episodes=episodes)
-    results = list(run_in_process(Rounds(learner, 1, episodes), make_engine(push)))
-    assert len(results) == episodes
-
-
 @pytest.mark.parametrize("rounds", [0, 1, 7, 31])
 def test_a_state_holds_everything_with_rounds_open(rounds):
     learner, engine = make_learner(runs=3, population=6), make_engine(push)

@@ -128,13 +128,6 @@ def test_the_same_draws_are_made_in_another_world(of_cem):
         np.testing.assert_array_equal(a[:shorter], b[:shorter])
 
 
-def test_members_of_an_ensemble_are_evaluated_in_turn():
-    before, _ = trained("ensemble", OF_CEM)
-    results = evaluated(before, 80)
-    assert rate(results) > 0.2
-    assert len({float(z[0, 0]) for z in noise(results)}) == 80
-
-
 @pytest.mark.parametrize(
     ("method", "settings"),
     [("ast", AST), ("ensemble", {"members": 2, "settings": AST})],

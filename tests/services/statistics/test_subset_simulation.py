@@ -160,12 +160,6 @@ def test_two_fifths_of_the_moves_are_accepted():
     assert all(0.1 <= level.acceptance <= 0.3 for level in levels[2:])
 
 
-def test_the_same_seed_gives_the_same_estimate():
-    first, again, other = (simulated(half_space(1e-4), BUDGET, seed) for seed in (8, 8, 9))
-    assert first == again
-    assert first.probability != other.probability
-
-
 @pytest.mark.parametrize(
     ("robustness", "end"),
     [
@@ -237,16 +231,6 @@ def test_draws_are_standard_normal_and_spread_evenly(draw):
     assert draw(np.random.default_rng(3), 1, 2).shape == (1, 2)
 
 
-def test_spread_draws_lower_the_variation_of_a_share():
-    def spread_of_share(draw):
-        rng = np.random.default_rng(11)
-        return np.std([(draw(rng, 200, 40).sum(axis=1) > 3.0).mean() for _ in range(200)])
-
-    independent = spread_of_share(lambda rng, *shape: rng.standard_normal(shape))
-    assert spread_of_share(draw_latin_normal) < 0.8 * independent
-    assert spread_of_share(draw_sobol_normal) < 0.8 * independent
-
-
 def test_the_variation_of_independent_draws_is_the_binomial_one():
     failures = np.ones(100)
     assert count_effective(failures) == 100.0
@@ -265,7 +249,7 @@ def test_an_estimate_is_as_sure_as_the_failures_have_first_draws():
 @pytest.mark.parametrize(
     ("parallel", "p", "budget", "seeds"),
     # Chains in groups are slow: three levels and a smaller budget show a bias of each level.
-    [(None, 1e-4, BUDGET, 50), (1, 1e-3, 3_000, 60), (40, 1e-3, 3_000, 30)],
+    [(None, 1e-4, BUDGET, 50), (1, 1e-3, 3_000, 30), (40, 1e-3, 3_000, 30)],
 )
 def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said(
     parallel, p, budget, seeds
