@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
+from eigenfail.testing.examples import analysis_result
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
@@ -24,17 +26,14 @@ HORIZON = 100
 def result(labels: list[int], distinct: bool = True) -> AnalysisResult:
     """What an analysis may have found in as many failures, one each 10 episodes."""
     nothing = np.zeros((0, 0), np.float32)
-    return AnalysisResult(
+    return replace(
+        analysis_result(),
         episodes=tuple(range(0, 10 * len(labels), 10)),
-        explained=nothing[0:0].ravel(),
-        components=nothing,
-        scores=nothing,
         labels=tuple(labels),
         modes=tuple(
             FailureMode(labels.count(mode), labels.index(mode), nothing, nothing)
             for mode in range(max(labels) + 1)
         ),
-        influence=nothing,
         silhouette=0.6 if distinct else 0.16,
         noise_silhouette=0.17,
     )

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from store_checks.examples import deliver, running
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.testing.examples import make_errored_result
+from eigenfail.testing.examples import analysis_result, make_errored_result
 from eigenfail.values.analysis import AnalysisResult, FailureMode
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.disturbance import NoiseTrajectory
@@ -183,7 +184,7 @@ def test_an_evaluation_without_weights_tells_of_no_mode(store: Store, estimate) 
     campaign, _ = evaluated(store)
     store.checkpoints.save(campaign.id, b"state", estimate)
     ended = store.campaigns.move(campaign.id, CampaignState.DONE)
-    told = add_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    told = add_probabilities(store, [ended], result(sides(store, ended), 0.6))
     assert [mode.probability is None for mode in told.modes] == [estimate is None] * 2
 
 
@@ -194,7 +195,7 @@ def test_monte_carlo_counts_the_failures_of_each_mode(store: Store) -> None:
     deliver(store, campaign, *given[:-2], make_errored_result(38), make_errored_result(39))
     ended = over(store, campaign)
     mode_of = sides(store, ended)
-    told = add_probabilities(store, [ended], result(ended, mode_of, 0.6)).modes
+    told = add_probabilities(store, [ended], result(mode_of, 0.6)).modes
     counts = [list(mode_of.values()).count(mode) for mode in (0, 1)]
     assert min(counts) > 0
     for mode, count in zip(told, counts, strict=True):
@@ -215,16 +216,13 @@ def test_intervals_of_counted_modes_hold_their_probabilities() -> None:
     assert 0.93 * 400 <= held <= 0.97 * 400
 
 
-def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> AnalysisResult:
+def result(mode_of: dict[int, int], silhouette: float) -> AnalysisResult:
     nothing = np.zeros((0, 0), np.float32)
-    return AnalysisResult(
+    return replace(
+        analysis_result(),
         episodes=tuple(mode_of),
-        explained=nothing[0:0].ravel(),
-        components=nothing,
-        scores=nothing,
         labels=tuple(mode_of.values()),
         modes=(FailureMode(1, 0, nothing, nothing),) * 2,
-        influence=nothing,
         silhouette=silhouette,
         noise_silhouette=0.3,
     )
@@ -242,11 +240,11 @@ def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
 ) -> None:
     begun, _ = ran(store, method, episodes, **settings)
     read = {index: mode for index, mode in sides(store, begun).items() if index < episodes // 2}
-    for mode in add_probabilities(store, [begun], result(begun, read, 0.6)).modes:
+    for mode in add_probabilities(store, [begun], result(read, 0.6)).modes:
         assert mode.probability.probability is None
         assert "had not ended when the failures were read" in mode.probability.problem
     ended = over(store, begun)
-    told = add_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    told = add_probabilities(store, [ended], result(sides(store, ended), 0.6))
     assert all(mode.probability and mode.probability.probability for mode in told.modes)
 
 
@@ -257,10 +255,10 @@ def over(store: Store, campaign: Campaign) -> Campaign:
 
 def test_only_distinct_modes_of_one_campaign_have_a_probability(store: Store) -> None:
     campaign = over(store, ran(store, "subset", 800)[0])
-    found = result(campaign, sides(store, campaign), 0.6)
+    found = result(sides(store, campaign), 0.6)
     told = add_probabilities(store, [campaign], found)
     assert all(mode.probability is not None for mode in told.modes)
-    doubtful = result(campaign, sides(store, campaign), 0.2)
+    doubtful = result(sides(store, campaign), 0.2)
     other = running(store, method="difs")
     for campaigns, given in (([campaign], doubtful), ([campaign, other], found), ([other], found)):
         same = add_probabilities(store, campaigns, given)

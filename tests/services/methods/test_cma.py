@@ -91,18 +91,6 @@ def test_noise_counts_up_to_the_end_of_the_episode_only():
     assert score_episode(result).squares == pytest.approx(result.steps * 2 * 9.0)
 
 
-def test_failures_get_likelier():
-    """The likeliest failure is a push of 2 at each step of one axis: |z|² = 100."""
-    learner = make_learner(runs=1, converged=1e-3)
-    results = list(run_in_process(Rounds(learner, 1, 1000), make_engine(push)))
-    squares = [np.sum(result.noise.z.astype(float) ** 2) for result in results if result.is_failure]
-    early, late = squares[:100], squares[-100:]
-    assert len(squares) > 400
-    assert np.mean(late) < 0.8 * np.mean(early)
-    assert np.median(late) < 1.1 * 100.0
-    assert min(squares) >= 100.0
-
-
 def test_failures_rank_equal_in_a_generation_of_which_too_few_failed():
     likely, unlikely, near, far = Score(0.0, 2.0), Score(0.0, 9.0), Score(1.0, 3.0), Score(4.0, 1.0)
     generation = [near, unlikely, far, likely]

@@ -28,13 +28,6 @@ def test_an_estimate_by_hand():
     assert found.cv == pytest.approx(sqrt(1.0 / effective - 1.0 / 1000))
 
 
-def test_of_the_prior_itself_it_is_the_share_of_failures():
-    found = WeightedFailures().after(np.zeros(150), 1000).estimate()
-    assert found.probability == pytest.approx(0.15)
-    assert found.effective == pytest.approx(150.0)
-    assert found.cv == pytest.approx(sqrt(0.85 / 0.15 / 1000))
-
-
 @given(st.lists(LOGS, max_size=5))
 def test_rounds_add_up(rounds):
     sums = WeightedFailures()

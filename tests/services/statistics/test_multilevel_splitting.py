@@ -75,19 +75,6 @@ def test_it_is_unbiased_with_an_importance_that_says_little():
     expect_mean(found, P)
 
 
-def test_it_is_far_more_precise_than_as_many_plain_draws():
-    found, drawn = [], []
-    for seed in range(40):
-        run, count = SplittingRun((seed,), (100, STEPS, 2), 0.1), 0
-        while run.wave is not None:
-            count += len(run.wave.rows)
-            courses, failed = walk(run.wave.z)
-            run.add(courses, failed.tolist())
-        found.append(run.probability)
-        drawn.append(count)
-    assert np.std(found) / P < 0.6 * sqrt(1.0 / P / np.mean(drawn))
-
-
 def test_continuations_have_the_noise_of_another_one_until_it_exceeded_the_level():
     run = SplittingRun((5,), (30, STEPS, 2), 0.1)
     courses, failed = walk(run.wave.z)
