@@ -2,11 +2,12 @@
 
 import msgspec
 import pytest
+from made_campaigns import make_campaign
 from msgspec.structs import replace
 
 from eigenfail.presentation.tables import format_cell
 from eigenfail.values.campaign import Campaign, CampaignState, Counts, EpisodeForm
-from eigenfail.values.campaign_spec import CampaignSpec, StopRules
+from eigenfail.values.campaign_spec import StopRules
 from eigenfail.values.estimates import Estimate, Rate, RateDesign
 from eigenfail.values.records import ConflictTotals, Totals
 from eigenfail.values.summary import Conflicts, MeanTime, Unresolved
@@ -18,18 +19,9 @@ NOTHING = Totals(failures=0, log_probability=0.0, steps=0, severity=0.0)
 
 
 def campaign(counts: Counts, active_s: float = 0.0, method: str = "monte_carlo") -> Campaign:
-    spec = CampaignSpec(
-        name="truck", method=method, episodes=counts.planned, price_usd_per_hour=1.8, instances=2
-    )
-    return Campaign(
-        id=7,
-        spec=spec,
-        state=CampaignState.RUNNING,
-        counts=counts,
-        created_ms=1,
-        active_s=active_s,
-        form=EpisodeForm(100, 0.1),
-    )
+    price = {"price_usd_per_hour": 1.8, "instances": 2}
+    fields = {"spec": price, "active_s": active_s, "form": EpisodeForm(100, 0.1)}
+    return make_campaign(counts, method, CampaignState.RUNNING, **fields)
 
 
 HOURS = 2 * 40.0 / 3600.0
