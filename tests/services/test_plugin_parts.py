@@ -20,7 +20,6 @@ from eigenfail.testing.examples import spec
 from eigenfail.values.campaign import CampaignState
 from eigenfail_services import __main__ as process
 from eigenfail_services.__main__ import BackgroundTasks
-from eigenfail_services.store import migrate
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.store import open_store
 from eigenfail_services.upkeep import backup
@@ -95,13 +94,6 @@ def execute(url, statement):
 
 def list_columns(url):
     return ask(url, lambda c: [each["name"] for each in inspect(c).get_columns("plugin_sheep")])
-
-
-def test_tables_of_a_plugin_are_created_with_those_of_the_core(bring, url):
-    bring(plugins.TABLES, sheep=FIRST)
-    migrate.upgrade(url)
-    assert list_columns(url) == ["name"]
-    open_store(url).close()
 
 
 def test_a_plugin_that_is_installed_later_gets_its_tables_at_the_next_start(bring, url):

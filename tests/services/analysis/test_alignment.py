@@ -57,14 +57,18 @@ def test_the_way_back_gives_the_episode_as_it_was(how: str, row: int) -> None:
     assert not z[steps:].any()
 
 
-@pytest.mark.parametrize(("learning", "left"), [((), 7), ((1,), 5), ((2,), 6), ((1, 2), 4)])
-def test_the_earlier_half_of_the_failures_of_a_campaign_is_left_out(learning, left) -> None:
+def gather_two_campaigns() -> Aligned:
+    """Failures whose noise is the number of their episode."""
     batches = [
         FailureBatch(campaign, Failures(indices, tuple(np.full((2, 2), i) for i in indices)))
         for campaign, indices in ((1, (3, 5, 8, 30)), (2, (1, 2, 40)))
     ]
-    gathered = gather_failures(batches, 4, AnalysisSettings())
-    found = select_latest(gathered, learning)
+    return gather_failures(batches, 4, AnalysisSettings())
+
+
+@pytest.mark.parametrize(("learning", "left"), [((), 7), ((1,), 5), ((2,), 6), ((1, 2), 4)])
+def test_the_earlier_half_of_the_failures_of_a_campaign_is_left_out(learning, left) -> None:
+    found = select_latest(gather_two_campaigns(), learning)
     kept = sorted(zip(found.campaigns.tolist(), found.episodes.tolist(), strict=True))
     assert len(kept) == left
     assert [index for campaign, index in kept if campaign == 1] == (
@@ -88,32 +92,9 @@ def test_the_earlier_half_of_the_failures_of_a_campaign_is_left_out(learning, le
 )
 def test_failures_of_a_campaign_before_its_first_sample_are_left_out(first_samples, kept) -> None:
     """Where there is none from there on, all of them stay."""
-    batches = [
-        FailureBatch(campaign, Failures(indices, tuple(np.full((2, 2), i) for i in indices)))
-        for campaign, indices in ((1, (3, 5, 8, 30)), (2, (1, 2, 40)))
-    ]
-    gathered = gather_failures(batches, 4, AnalysisSettings())
-    found = select_samples(gathered, first_samples)
+    found = select_samples(gather_two_campaigns(), first_samples)
     assert sorted(found.episodes.tolist()) == sorted(kept)
     assert [z[0, 0] for z in found.noise] == found.episodes.tolist()
-
-
-def test_of_several_at_the_collision_the_median_length_counts() -> None:
-    lengths = (1, 2, 3, 5)
-    failures = Failures((0, 1, 2, 3), tuple(np.ones((n, 2), np.float32) for n in lengths))
-    aligned = align(failures, 6, "collision")
-    row = np.arange(12.0).reshape(6, 2)
-    z = aligned.injectable(row, np.arange(4))
-    assert z[:3].tolist() == [[6, 7], [8, 9], [10, 11]]
-    assert not z[3:].any()
-
-
-def test_an_episode_without_a_step_is_a_row_without_noise() -> None:
-    failures = Failures((0,), (np.zeros((0, 2), np.float32),))
-    for how in ("start", "collision"):
-        aligned = align(failures, 3, how)
-        assert not aligned.noise.any()
-        assert not aligned.injectable(aligned.noise[0], np.array([0])).any()
 
 
 VEHICLES = (

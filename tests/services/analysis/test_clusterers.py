@@ -142,12 +142,10 @@ def again(data: np.ndarray, **changes: Any) -> Stability | None:
 @pytest.mark.parametrize("name", NAMES)
 def test_modes_come_back_and_artefacts_do_not(name: Any) -> None:
     real = again(blobs()[0], clusterer=name)
-    assert real is not None
     assert (real.median, real.resamples, real.rows) == (pytest.approx(1.0, abs=0.05), 8, 150)
     if name != "hdbscan":
         blob = np.random.default_rng(0).standard_normal((150, 3))
         made_up = again(blob, clusterer=name, clusters=5)
-        assert made_up is not None
         assert made_up.interval.low <= made_up.median <= made_up.interval.high
         assert made_up.median < 0.75
 
@@ -170,6 +168,5 @@ def test_what_is_in_no_dense_region_joins_its_one_nearest_neighbour() -> None:
     nearest, second = labels[inside][np.argsort(distances, axis=1)[:, :2]].T
     assert (nearest != second).any(), "the two nearest neighbours of no stray differ"
     grouping = CLUSTERERS["hdbscan"].fit(rows, 0)
-    assert grouping is not None
     assert grouping.groups.predict(rows[strays]).tolist() == nearest.tolist()
     assert grouping.outliers == pytest.approx(len(strays) / len(rows))

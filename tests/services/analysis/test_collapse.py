@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
+from eigenfail.testing.examples import analysis_result
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
 from eigenfail_services.analysis.job import analyse
 from eigenfail_services.analysis.training import (
-    count_coverage,
     count_effective_modes,
     measure_diversity,
     measure_spread,
@@ -25,17 +26,14 @@ HORIZON = 100
 def result(labels: list[int], distinct: bool = True) -> AnalysisResult:
     """What an analysis may have found in as many failures, one each 10 episodes."""
     nothing = np.zeros((0, 0), np.float32)
-    return AnalysisResult(
+    return replace(
+        analysis_result(),
         episodes=tuple(range(0, 10 * len(labels), 10)),
-        explained=nothing[0:0].ravel(),
-        components=nothing,
-        scores=nothing,
         labels=tuple(labels),
         modes=tuple(
             FailureMode(labels.count(mode), labels.index(mode), nothing, nothing)
             for mode in range(max(labels) + 1)
         ),
-        influence=nothing,
         silhouette=0.6 if distinct else 0.16,
         noise_silhouette=0.17,
     )
@@ -106,12 +104,10 @@ def test_a_real_analysis_of_planted_modes_and_of_noise(
 ) -> None:
     asked = AnalysisSettings(bootstrap=0)
     found = analyse(plant(0, 1.0).failures, HORIZON, asked).diversity
-    assert found is not None
     assert (found.modes, len(found.coverage), found.coverage[-1]) == (3, 10, 3)
     shares = np.array([90, 60, 40]) / 190
     assert found.effective_modes == pytest.approx(np.exp(-shares @ np.log(shares)), rel=0.02)
     alike = analyse(structureless(1), HORIZON, asked).diversity
-    assert alike is not None
     assert alike.modes == 1
 
 
@@ -120,11 +116,6 @@ def test_the_effective_number_lies_between_one_and_all(sizes: list[int]) -> None
     shares = np.array(sizes) / sum(sizes)
     assert 1.0 - 1e-9 <= count_effective_modes(shares) <= len(sizes) + 1e-9
     assert count_effective_modes(np.full(len(sizes), 1.0 / len(sizes))) == pytest.approx(len(sizes))
-
-
-def test_coverage_counts_modes_by_the_tenth_that_saw_them_first() -> None:
-    labels, tenths = np.array([0, 1, 0]), np.array([0, 5, 9])
-    assert count_coverage(labels, tenths) == (1, 1, 1, 1, 1, 2, 2, 2, 2, 2)
 
 
 def test_coverage_reaches_all_modes_even_if_counts_lag_behind() -> None:
@@ -152,8 +143,3 @@ def test_spread_is_numpys_standard_deviation(lengths: list[int], seed: int) -> N
     assert (found is None) == (not reached.any())
     if found is not None:
         assert found**2 == pytest.approx(np.nanvar(table[:, reached], axis=0, ddof=1).mean())
-
-
-def test_a_single_failure_is_one_mode() -> None:
-    found = measure_diversity(failures(1), result([0], distinct=False), {1: 1})
-    assert (found.modes, found.spread, found.warning) == (1, None, "")

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ego_courses import EGO, SIZES, STEP_S, STEPS, gather_courses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -12,19 +13,16 @@ from sklearn.metrics import adjusted_rand_score
 from eigenfail.presentation.analyses import describe_grouping
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.arrays import Floats
-from eigenfail.values.records import FailureCourse, Failures
+from eigenfail.values.records import FailureCourse
 from eigenfail.values.scene import Scene
 from eigenfail_services.analysis import clusters
-from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
+from eigenfail_services.analysis.alignment import Aligned
 from eigenfail_services.analysis.behaviour import describe_contacts, mark_struck, read_motion
 from eigenfail_services.analysis.footprints import Contact, find_contact, find_struck
 from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
-STEPS, STEP_S = 60, 0.1
 DEFAULT = AnalysisSettings(bootstrap=0)
-SIZES = np.array([(16.0, 2.5), (5.0, 2.0), (5.0, 2.0)], np.float32)
 ABSENT = (np.nan,) * 4
-EGO = (0.0, 0.0, 0.0, 20.0)
 AHEAD, BEHIND = (10.0, 0.0, 0.0, 10.0), (-10.0, 0.0, 0.0, 30.0)
 FAR = (90.0, 3.5, 0.0, 20.0)
 
@@ -85,7 +83,6 @@ def test_the_vehicle_struck_is_that_of_the_scene(others):
     sizes = np.array([(16.0, 2.5), *[(5.0, 2.0)] * len(others)], np.float32)
     none = np.zeros((1, 2), np.float32)
     contact = find_contact(vehicles, sizes)
-    assert contact is not None
     assert contact.struck == find_struck(Scene(STEP_S, vehicles, sizes, none, none))
 
 
@@ -108,27 +105,6 @@ def test_each_vehicle_that_many_failures_strike_has_a_column(counts, columns):
     assert marks.sum(axis=0).tolist() == columns
     assert marks.shape == (len(contacts), len(columns))
     assert not columns or np.array_equal(marks.sum(axis=1), np.ones(len(contacts)))
-
-
-def gather(
-    accelerations: list[Floats], others: list[Any], order: list[int] | None = None
-) -> Aligned:
-    """Failures of 60 steps: what the ego does [m/s²], and where the other vehicles are at the end.
-
-    The vehicles are given in the order of their numbers.
-    """
-    random = np.random.default_rng(3)
-    noise = [random.standard_normal((STEPS, 2)).astype(np.float32) for _ in accelerations]
-    order = list(range(len(noise))) if order is None else order
-    courses = []
-    for index in order:
-        speeds = (40.0 + STEP_S * np.cumsum([0.0, *accelerations[index]])).astype(np.float32)
-        end = np.array([[EGO, *others[index]]] * 2, np.float32)
-        courses.append((1, FailureCourse(index, STEP_S, speeds, end, SIZES)))
-    batch = FailureBatch(1, Failures(tuple(order), tuple(noise[index] for index in order)))
-    return gather_failures([batch], STEPS, DEFAULT)._replace(
-        motion=read_motion(courses, "collision"), step_s=STEP_S
-    )
 
 
 def analyse(failures: Aligned, **changes: Any) -> AnalysisResult:
@@ -157,10 +133,9 @@ def make_planted(seed: int = 0, failures: int = 60) -> tuple[Any, list[Floats], 
 @pytest.mark.parametrize("clusterer", ["kmeans", "hdbscan", "gaussian_mixture"])
 def test_two_vehicles_that_are_struck_with_the_same_braking_are_two_modes(clusterer):
     labels, accelerations, others = make_planted()
-    found = analyse(gather(accelerations, others), bootstrap=3, clusterer=clusterer)
+    found = analyse(gather_courses(accelerations, others), bootstrap=3, clusterer=clusterer)
     assert (found.features, len(found.modes), found.distinct) == ("behaviour", 3, True)
     assert adjusted_rand_score(labels, found.labels) == 1.0
-    assert found.behaviour is not None
     assert found.behaviour.struck == tuple(1 if label == 0 else 2 for label in labels)
     words = {
         int(labels[found.labels.index(place)]): mode.words
@@ -180,27 +155,22 @@ def test_two_vehicles_that_are_struck_with_the_same_braking_are_two_modes(cluste
 
 def test_without_what_was_struck_the_same_failures_are_two_modes():
     labels, accelerations, others = make_planted()
-    failures = gather(accelerations, others)
-    assert failures.motion is not None
+    failures = gather_courses(accelerations, others)
     contacts = dict(failures.motion.contacts)
     contacts.pop((1, 7))  # one unknown contact is enough
     motion = failures.motion._replace(contacts=contacts)
     found = analyse(failures._replace(motion=motion))
     assert adjusted_rand_score(labels == 2, found.labels) == 1.0
-    assert found.behaviour is not None
     assert found.behaviour.struck == ()
     assert describe_grouping(found) == "the acceleration of the ego before the collision"
 
 
 def test_where_one_vehicle_is_struck_nothing_is_different():
     _, accelerations, _ = make_planted()
-    failures = gather(accelerations, [(AHEAD, FAR)] * len(accelerations))
-    assert failures.motion is not None
+    failures = gather_courses(accelerations, [(AHEAD, FAR)] * len(accelerations))
     known = analyse(failures)
     unknown = analyse(failures._replace(motion=failures.motion._replace(contacts={})))
     assert hash_result(known) == hash_result(unknown)
-    assert known.behaviour is not None
-    assert unknown.behaviour is not None
     assert np.array_equal(known.behaviour.scores, unknown.behaviour.scores)
     assert [mode.words for mode in known.behaviour.modes] == [
         mode.words for mode in unknown.behaviour.modes
@@ -210,7 +180,7 @@ def test_where_one_vehicle_is_struck_nothing_is_different():
 
 def test_an_analysis_of_noise_knows_nothing_of_what_was_struck():
     _, accelerations, others = make_planted()
-    failures = gather(accelerations, others)
+    failures = gather_courses(accelerations, others)
     digests = {
         hash_result(analyse(each, features="noise"))
         for each in (failures, failures._replace(motion=None))
@@ -227,7 +197,6 @@ def test_failures_that_need_not_be_collisions_strike_nothing():
     origins = {"collision": len(accelerations), "start": 0}
     for origin, known in origins.items():
         motion = read_motion(courses, origin)
-        assert motion is not None
         assert len(motion.contacts) == known
 
 
@@ -235,10 +204,10 @@ def test_failures_that_need_not_be_collisions_strike_nothing():
 @given(st.permutations(range(30)), st.integers(0, 3))
 def test_the_order_in_which_failures_were_found_and_read_does_not_matter(order, seed):
     _, accelerations, others = make_planted(seed, 30)
-    sorted_, mixed = (analyse(gather(accelerations, others, each)) for each in (None, order))
+    sorted_, mixed = (
+        analyse(gather_courses(accelerations, others, each)) for each in (None, order)
+    )
     assert hash_result(sorted_) == hash_result(mixed)
-    assert sorted_.behaviour is not None
-    assert mixed.behaviour is not None
     assert sorted_.behaviour.struck == mixed.behaviour.struck
     assert [mode.words for mode in sorted_.behaviour.modes] == [
         mode.words for mode in mixed.behaviour.modes

@@ -109,11 +109,6 @@ def test_another_build_changes_what_it_does():
     assert statuses(none, first, none) == [[None, FIRST, GONE]]
 
 
-def test_a_release_of_an_unknown_build_is_compared_with_chance_alone():
-    assert statuses(release(), release(behaviours("a", 40))) == [[None, FIRST]]
-    assert statuses(release(behaviours("a", 40)), release()) == [[FIRST, GONE]]
-
-
 def test_the_vehicle_that_was_struck_tells_modes_apart():
     one, other = behaviours("a", 30), behaviours("a", 30, 1, struck=2)
     assert statuses(release(one), release(other)) == [[FIRST, GONE], [None, FIRST]]

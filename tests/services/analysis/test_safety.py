@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from made_campaigns import make_campaign
 from msgspec.structs import replace
 
 from eigenfail.presentation.campaigns import describe_safety
-from eigenfail.values.campaign import Campaign, CampaignState, Counts
-from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.campaign import Campaign, Counts
 from eigenfail.values.records import ConflictClass
 from eigenfail.values.safety import FailurePoint, MeasureTotals, SafetyTotals
 from eigenfail.values.summary import Conflicts, MeanTime, Unresolved
@@ -18,10 +18,7 @@ NOBODY = Unresolved()
 
 
 def campaign(method: str = "difs") -> Campaign:
-    spec = CampaignSpec(name="truck", method=method, episodes=300)
-    return Campaign(
-        id=7, spec=spec, state=CampaignState.DONE, counts=Counts(300, 300, 9), created_ms=1
-    )
+    return make_campaign(Counts(300, 300, 9), method)
 
 
 def totals(severities=(), points=(), failures=9) -> SafetyTotals:
@@ -121,16 +118,10 @@ def test_who_ended_before_a_collision_is_said_first() -> None:
 
 
 def on_function(method: str = "monte_carlo") -> Campaign:
-    spec = CampaignSpec(
-        name="f",
-        method=method,
-        episodes=300,
-        simulator="function",
-        scenario="function",
-        planner="my_module:robustness",
-        scenario_parameters={"steps": 4},
+    function = {"simulator": "function", "scenario": "function", "planner": "my_module:robustness"}
+    return make_campaign(
+        Counts(300, 300, 9), method, spec={**function, "scenario_parameters": {"steps": 4}}
     )
-    return replace(campaign(), spec=spec)
 
 
 def test_of_a_function_only_the_failures_are_counted() -> None:
@@ -160,7 +151,7 @@ def test_a_terminal_shows_nothing_of_a_function_that_was_not_measured() -> None:
     given = SafetyTotals(300, 9, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
     found = make_safety(on_function(), given, Conflicts(unclassified=9), NOBODY)
     heading, table, _, *notes = describe_safety(found)
-    assert heading == "Safety measures of campaign 7, f (monte_carlo): 300 episodes"
+    assert heading == "Safety measures of campaign 7, truck (monte_carlo): 300 episodes"
     assert [row[0] for row in table.rows] == ["Failure"]
     assert notes == [found.severity.problem, *found.notes]
 

@@ -125,12 +125,6 @@ def test_campaigns_together_and_other_events_have_a_confidence_sequence() -> Non
     assert SamplingDesign.of([other.spec]).make_rate(4, 130) == rate(4, 130)
 
 
-def test_a_search_has_a_share_without_an_interval_under_any_rule() -> None:
-    counts = Counts(100, completed=40, failures=3)
-    campaign = make_campaign(counts, StopRules(failures=3), method="ast", settings={})
-    assert estimate(campaign) == Rate(3 / 40, 3, 40, None, sampled=False)
-
-
 def test_one_sided_bounds_are_those_of_a_fixed_number() -> None:
     campaign = make_campaign(Counts(100, completed=100), StopRules(failures=3))
     assert estimate(campaign) == replace(rate(0, 100), design=RateDesign.FAILURES)

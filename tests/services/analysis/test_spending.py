@@ -5,12 +5,12 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from made_campaigns import make_campaign
 
-from eigenfail.values.campaign import Campaign, CampaignState, Counts, Overhead
-from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.campaign import Campaign, Counts, Overhead
 from eigenfail.values.summary import SpendingTotals, StoredProgress
 from eigenfail_services.analysis.campaign_figures import (
+    SLACK_S,
     KnownModes,
     _find_longest_gap,
     _list_active_s,
@@ -22,18 +22,11 @@ from eigenfail_services.analysis.campaign_figures import (
 NO_MODES = KnownModes(None, None, "")
 
 
-def campaign(active_s=100.0, overhead=Overhead(), started_ms=10_000) -> Campaign:  # noqa: B008
-    spec = CampaignSpec(name="truck", method="ast", episodes=9, price_usd_per_hour=1.8, instances=2)
-    return Campaign(
-        id=7,
-        spec=spec,
-        state=CampaignState.DONE,
-        counts=Counts(9, 9, 3),
-        created_ms=1,
-        started_ms=started_ms,
-        active_s=active_s,
-        overhead=overhead,
-    )
+def campaign(active_s: float = 100.0, **fields: Overhead) -> Campaign:
+    """A campaign on two instances at 1.8 USD an hour, which began after 10 s."""
+    price = {"price_usd_per_hour": 1.8, "instances": 2}
+    given = {"started_ms": 10_000, "active_s": active_s}
+    return make_campaign(Counts(9, 9, 3), "ast", spec=price, **given, **fields)
 
 
 def test_a_hundred_seconds_by_hand() -> None:
@@ -54,7 +47,7 @@ seconds = st.floats(0.0, 1e6)
 def test_the_parts_sum_to_the_whole(
     active_s: float, overhead: Overhead, kept_s: float, failed_s: float
 ) -> None:
-    split = split_time(campaign(active_s, overhead), SpendingTotals(kept_s, failed_s))
+    split = split_time(campaign(active_s, overhead=overhead), SpendingTotals(kept_s, failed_s))
     parts = (split.simulation_s, split.learning_s, split.waiting_s, split.lost_s)
     assert all(part >= -1e-9 * (1.0 + active_s) for part in parts)
     assert sum(parts) == pytest.approx(active_s, rel=1e-9, abs=1e-9)
@@ -93,6 +86,15 @@ def test_a_pause_costs_nothing() -> None:
     assert _list_active_s(ran, at_ms) == pytest.approx([30.0, 60.0, 90.0, 100.0])
 
 
+@pytest.mark.parametrize(
+    ("last_s", "cut"), [(100.0, False), (100.0 + SLACK_S, False), (100.1 + SLACK_S, True)]
+)
+def test_time_beyond_that_billed_is_counted_from_the_start(last_s: float, cut: bool) -> None:
+    at_ms = [each.at_ms for each in progress(0.001, last_s)]
+    assert has_unbilled_time(campaign(), at_ms) is cut
+    assert not has_unbilled_time(campaign(), [])
+
+
 def test_the_longest_gap_by_hand() -> None:
     assert _find_longest_gap([1.0, 2.0, 10.0], 8.0) == 5.0
     assert _find_longest_gap([1.0, 2.0, 10.0], 2.4) == pytest.approx(0.8)
@@ -103,7 +105,7 @@ def test_the_longest_gap_by_hand() -> None:
 @given(st.lists(st.floats(0.0, 1e4), max_size=40), st.floats(0.0, 1e5))
 def test_curves_only_rise_and_end_at_the_bill(gaps: list[float], active_s: float) -> None:
     at_s = [sum(gaps[: n + 1]) for n in range(len(gaps))]
-    ran = replace(campaign(active_s), started_ms=10_000)
+    ran = campaign(active_s)
     found = list(make_cost_curve(ran, SpendingTotals(progress=progress(*at_s)), NO_MODES))
     for before, after in pairwise(found):
         assert before.active_s <= after.active_s + 1e-9

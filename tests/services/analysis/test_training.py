@@ -55,13 +55,6 @@ def test_means_and_components_are_those_of_the_interval() -> None:
         assert (likeness >= 0.0).all()
 
 
-def test_a_change_of_the_main_direction_shows() -> None:
-    found = analysed(*drifting(), 300).training
-    early, late = (np.abs(found[tenth].components[0]) for tenth in (1, 8))
-    assert np.unravel_index(early.argmax(), early.shape) == (2, 0)
-    assert np.unravel_index(late.argmax(), late.shape) == (9, 1)
-
-
 def test_tenths_without_failures_or_with_one_are_told_as_such() -> None:
     indices, noise = drifting()
     found = analysed(indices[:11], noise[:11], 300).training

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from resolved import resolve_campaign
 
-from eigenfail.errors import InputError, InvalidValue, UnknownName
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import MAX_DEPTH
 from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.disturbance import DisturbanceModel
@@ -25,15 +25,6 @@ def but(**changes):
 
 def test_a_good_spec_comes_back_as_it_was():
     assert check_spec(GOOD).spec == GOOD
-
-
-def test_the_horizon_is_the_scenarios():
-    assert resolve_campaign(GOOD).form.steps == 100
-
-
-@pytest.mark.parametrize("method", ["monte_carlo", "ast", "difs", "cem", "cma", "replay", "subset"])
-def test_every_method_is_known_with_its_defaults(method):
-    assert check_spec(but(method=method, episodes=500)).method.name == method
 
 
 @pytest.mark.parametrize(
@@ -60,12 +51,10 @@ def test_unknown_names_are_refused_with_the_known_ones(spec, field, known):
     ("spec", "field"),
     [
         (but(episodes=0), "episodes"),
-        (but(episodes=-5), "episodes"),
         (but(episodes=10**12), "episodes"),
         (but(episodes=NAN), "episodes"),
         (but(seed=-1), "seed"),
         (but(price_usd_per_hour=NAN), "price_usd_per_hour"),
-        (but(price_usd_per_hour=INFINITY), "price_usd_per_hour"),
         (but(disturbance=DisturbanceModel(lateral_slope=NAN)), "disturbance.lateral_slope"),
         (but(disturbance=DisturbanceModel(lateral_base_m=0.0)), "disturbance.lateral_base_m"),
         (but(settings={"round_size": -INFINITY}), "settings.round_size"),
@@ -78,6 +67,7 @@ def test_unknown_names_are_refused_with_the_known_ones(spec, field, known):
         (but(name="bell\x07"), "name"),
         (but(name="half\ud800"), "name"),
         (but(settings={"nul\x00": 1}), "settings.(name)"),
+        (but(stop=StopRules(failures=0)), "stop.failures"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -93,11 +83,6 @@ def test_nesting_has_an_end():
         nested = {"a": nested}
     with pytest.raises(InvalidValue, match=f"more than {MAX_DEPTH} levels"):
         check_spec(but(settings=nested))
-
-
-def test_a_wrong_spec_has_no_horizon():
-    with pytest.raises(InputError):
-        resolve_campaign(but(scenario_parameters={"distance_m": 1e6}))
 
 
 def test_checking_loads_nothing_heavy():
@@ -146,11 +131,6 @@ def test_a_rule_on_an_estimate_needs_settings_under_which_there_is_one():
 def test_a_budget_that_a_method_cannot_begin_with_is_refused(changes, words):
     with pytest.raises(InvalidValue, match=words):
         check_spec(but(**changes))
-
-
-def test_stop_rules_out_of_bounds_are_refused():
-    with pytest.raises(InvalidValue, match=r"stop\.failures"):
-        check_spec(but(stop=StopRules(failures=0)))
 
 
 VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}

@@ -160,20 +160,6 @@ def test_words_on_repeating_are_those_of_the_method() -> None:
     )
 
 
-def test_campaigns_that_differ_in_their_seeds_alone_are_one_group(store: Store) -> None:
-    made = [
-        store.campaigns.create(
-            accept_spec(
-                CampaignSpec(**{**FIELDS, "planner": planner, "name": f"{seed}"}, seed=seed)
-            )
-        )
-        for planner in ("idm", "rulebook")
-        for seed in range(2)
-    ]
-    assert [[each.id for each in group] for group in sides.group_by_seed(made)] == [[1, 2], [3, 4]]
-    assert [[each.id for each in group] for group in sides.group_by_seed(made[:2])] == [[1], [2]]
-
-
 def test_settings_stand_in_the_order_of_a_spec_with_defaults(store: Store) -> None:
     made = [
         store.campaigns.create(accept_spec(CampaignSpec(**FIELDS))),

@@ -16,11 +16,6 @@ def test_form_is_that_of_the_scenario(store: Store) -> None:
     assert form == EpisodeForm(100, 0.1, ("longitudinal", "lateral"))
 
 
-def test_form_is_read_with_its_campaign(store: Store) -> None:
-    made = store.campaigns.create(accept_spec(SPEC))
-    assert store.campaigns.get(made.id).form == made.form
-
-
 def test_form_of_a_bridge_is_what_the_campaign_says(store: Store) -> None:
     given = {"steps": 40, "dt_s": 0.25}
     made = store.campaigns.create(

@@ -149,13 +149,6 @@ def test_a_predecessor_is_what_its_campaign_was_and_knew(memory: House) -> None:
     assert len(context.trajectories) == 0
 
 
-def test_an_ensemble_is_trained_and_evaluated(memory: House) -> None:
-    members = {"method": "cem", "members": 2, "settings": {"batch": 5}}
-    trained = memory.run(method="ensemble", settings=members, episodes=40)
-    found = memory.results(memory.run(method="evaluate", settings={"campaign": trained}))
-    assert len(found) == 30
-
-
 def refusal(house: House, **fields) -> InvalidValue:
     with pytest.raises(InvalidValue) as refused:
         house.create(**fields)
@@ -416,19 +409,6 @@ def test_what_searches_in_an_ensemble_are_its_members() -> None:
     found = resolve_campaign(spec).searching
     assert (found.name, found.settings.batch) == ("cem", 4)
     assert found.field == "settings.settings"
-
-
-def test_replayed_campaigns_are_still_looked_for(memory: House) -> None:
-    refused = refusal(memory, method="replay", settings={"campaign": 5})
-    assert (refused.field, "Campaign 5 does not exist" in refused.problem) == (
-        "settings.campaign",
-        True,
-    )
-    replayed = memory.run(episodes=3)
-    settings = {"campaign": replayed, "episodes": [0, 2]}
-    context = memory.context(memory.create(method="replay", settings=settings))
-    assert context.trajectories.shape == (2, 100, 2)
-    assert context.predecessors == ()
 
 
 def test_a_claim_reads_what_was_stored_and_loads_no_method(house: House, monkeypatch) -> None:

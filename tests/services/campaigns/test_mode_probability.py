@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from store_checks.examples import deliver, running
 
 from eigenfail import plugins
 from eigenfail.settings import read_settings
-from eigenfail.testing.examples import make_errored_result
+from eigenfail.testing.examples import analysis_result, make_errored_result
 from eigenfail.values.analysis import AnalysisResult, FailureMode
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.disturbance import NoiseTrajectory
@@ -35,6 +36,8 @@ from eigenfail_services.statistics.subset_simulation import (
 from eigenfail_services.store.store import Store
 
 HIGH, LOW = 3.0, 3.4
+WIDE = {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}
+"""Settings of `cem` whose failures keep their weights."""
 
 
 def tail(threshold: float) -> float:
@@ -71,7 +74,6 @@ def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:
         told = estimate_modes(simulation(8000, seed), values, mode_of, 2)
         assert told is not None
         for found, truth in zip(told, (tail(HIGH), tail(LOW)), strict=True):
-            assert found.interval is not None
             held += found.interval.low <= truth <= found.interval.high
     assert held >= 35
 
@@ -80,17 +82,12 @@ def test_the_modes_add_up_to_the_whole() -> None:
     values, mode_of = simulated(8000, 1)
     apart = estimate_modes(simulation(8000, 1), values, mode_of, 2)
     together = estimate_modes(simulation(8000, 1), values, dict.fromkeys(mode_of, 0), 1)
-    assert apart is not None
-    assert together is not None
-    assert apart[0].probability is not None
-    assert apart[1].probability is not None
     assert together[0].probability == pytest.approx(apart[0].probability + apart[1].probability)
 
 
 def test_few_lineages_make_no_number() -> None:
     values, mode_of = simulated(600, 0)
     told = estimate_modes(simulation(600, 0), values, mode_of, 2)
-    assert told is not None
     assert told[1].probability is None
     assert "independent first draws" in told[1].problem
 
@@ -139,20 +136,6 @@ def sides(store: Store, campaign: Campaign) -> dict[int, int]:
     return {index: int(z[:, 0].sum() < 0.0) for index, z in each}
 
 
-def test_the_weights_of_cem_are_shared_among_the_modes(store: Store) -> None:
-    campaign, learner = ran(store, "cem", 1600, batch=200, min_std=1.0, mean_smoothing=0.05)
-    told = estimate_by_weights(store, campaign, sides(store, campaign), 2)
-    for found in told:
-        assert found is not None
-        assert found.probability is not None
-        assert found.cv is not None
-        around = log_normal(found.probability, found.cv)
-        assert around.low <= tail(1.0) <= around.high
-        assert (found.bound, found.interval) == ("lower", None)
-    whole = learner.estimate().probability
-    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
-
-
 def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: Store) -> None:
     campaign, learner = ran(store, "subset", 800)
     told = estimate_by_levels(store, campaign, sides(store, campaign), 2)
@@ -162,8 +145,7 @@ def test_the_levels_of_a_stored_campaign_are_gone_through_again(store: Store) ->
 
 def evaluated(store: Store) -> tuple[Campaign, Any]:
     """An evaluation of what a campaign of `cem` learnt."""
-    settings = {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}
-    before, learner = ran(store, "cem", 800, **settings)
+    before, learner = ran(store, "cem", 800, **WIDE)
     checkpoint = Checkpoint(
         format=FORMAT,
         campaign_seed=3,
@@ -180,19 +162,21 @@ def evaluated(store: Store) -> tuple[Campaign, Any]:
     return ran(store, "evaluate", 1600, campaign=before.id)
 
 
-def test_the_weights_of_an_evaluation_are_shared_among_the_modes(store: Store) -> None:
-    campaign, learner = evaluated(store)
-    told = estimate_by_known_proposal(store, campaign, sides(store, campaign), 2)
+@pytest.mark.parametrize("evaluates", [False, True], ids=["cem", "evaluate"])
+def test_weights_are_shared_among_the_modes(store: Store, evaluates: bool) -> None:
+    if evaluates:
+        campaign, learner = evaluated(store)
+        told = estimate_by_known_proposal(store, campaign, sides(store, campaign), 2)
+        assert {found.episodes for found in told} == {1600}
+    else:
+        campaign, learner = ran(store, "cem", 1600, **WIDE)
+        told = estimate_by_weights(store, campaign, sides(store, campaign), 2)
     for found in told:
-        assert found is not None
-        assert found.probability is not None
-        assert found.cv is not None
         around = log_normal(found.probability, found.cv)
         assert around.low <= tail(1.0) <= around.high
         assert (found.bound, found.interval) == ("lower", None)
-        assert found.episodes == 1600
     whole = learner.estimate().probability
-    assert sum(each.probability for each in told if each) == pytest.approx(whole, rel=1e-6)
+    assert sum(each.probability for each in told) == pytest.approx(whole, rel=1e-6)
 
 
 @pytest.mark.parametrize("estimate", [None, Estimate(by="importance sampling", episodes=9)])
@@ -200,7 +184,7 @@ def test_an_evaluation_without_weights_tells_of_no_mode(store: Store, estimate) 
     campaign, _ = evaluated(store)
     store.checkpoints.save(campaign.id, b"state", estimate)
     ended = store.campaigns.move(campaign.id, CampaignState.DONE)
-    told = add_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    told = add_probabilities(store, [ended], result(sides(store, ended), 0.6))
     assert [mode.probability is None for mode in told.modes] == [estimate is None] * 2
 
 
@@ -211,12 +195,11 @@ def test_monte_carlo_counts_the_failures_of_each_mode(store: Store) -> None:
     deliver(store, campaign, *given[:-2], make_errored_result(38), make_errored_result(39))
     ended = over(store, campaign)
     mode_of = sides(store, ended)
-    told = add_probabilities(store, [ended], result(ended, mode_of, 0.6)).modes
+    told = add_probabilities(store, [ended], result(mode_of, 0.6)).modes
     counts = [list(mode_of.values()).count(mode) for mode in (0, 1)]
     assert min(counts) > 0
     for mode, count in zip(told, counts, strict=True):
         found, wanted = mode.probability, rate(count, 38, errored=2)
-        assert found is not None
         assert (found.by, found.episodes) == ("Monte Carlo", 38)
         assert (found.probability, found.interval) == (wanted.value, wanted.interval)
         assert found.cv == pytest.approx(sqrt((1.0 - wanted.value) / (38 * wanted.value)))
@@ -229,21 +212,17 @@ def test_intervals_of_counted_modes_hold_their_probabilities() -> None:
         counts = (int((x > 1.0).sum()), int((x < -1.5).sum()))
         for count, p in zip(counts, truth, strict=True):
             found = estimate_share(rate(count, 500)).interval
-            assert found is not None
             held += found.low <= p <= found.high
     assert 0.93 * 400 <= held <= 0.97 * 400
 
 
-def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> AnalysisResult:
+def result(mode_of: dict[int, int], silhouette: float) -> AnalysisResult:
     nothing = np.zeros((0, 0), np.float32)
-    return AnalysisResult(
+    return replace(
+        analysis_result(),
         episodes=tuple(mode_of),
-        explained=nothing[0:0].ravel(),
-        components=nothing,
-        scores=nothing,
         labels=tuple(mode_of.values()),
         modes=(FailureMode(1, 0, nothing, nothing),) * 2,
-        influence=nothing,
         silhouette=silhouette,
         noise_silhouette=0.3,
     )
@@ -252,7 +231,7 @@ def result(campaign: Campaign, mode_of: dict[int, int], silhouette: float) -> An
 @pytest.mark.parametrize(
     ("method", "episodes", "settings"),
     [
-        ("cem", 1600, {"batch": 200, "min_std": 1.0, "mean_smoothing": 0.05}),
+        ("cem", 1600, WIDE),
         ("subset", 800, {}),
     ],
 )
@@ -261,12 +240,11 @@ def test_failures_that_landed_after_the_reading_are_not_taken_for_none(
 ) -> None:
     begun, _ = ran(store, method, episodes, **settings)
     read = {index: mode for index, mode in sides(store, begun).items() if index < episodes // 2}
-    for mode in add_probabilities(store, [begun], result(begun, read, 0.6)).modes:
-        assert mode.probability is not None
+    for mode in add_probabilities(store, [begun], result(read, 0.6)).modes:
         assert mode.probability.probability is None
         assert "had not ended when the failures were read" in mode.probability.problem
     ended = over(store, begun)
-    told = add_probabilities(store, [ended], result(ended, sides(store, ended), 0.6))
+    told = add_probabilities(store, [ended], result(sides(store, ended), 0.6))
     assert all(mode.probability and mode.probability.probability for mode in told.modes)
 
 
@@ -277,10 +255,10 @@ def over(store: Store, campaign: Campaign) -> Campaign:
 
 def test_only_distinct_modes_of_one_campaign_have_a_probability(store: Store) -> None:
     campaign = over(store, ran(store, "subset", 800)[0])
-    found = result(campaign, sides(store, campaign), 0.6)
+    found = result(sides(store, campaign), 0.6)
     told = add_probabilities(store, [campaign], found)
     assert all(mode.probability is not None for mode in told.modes)
-    doubtful = result(campaign, sides(store, campaign), 0.2)
+    doubtful = result(sides(store, campaign), 0.2)
     other = running(store, method="difs")
     for campaigns, given in (([campaign], doubtful), ([campaign, other], found), ([other], found)):
         same = add_probabilities(store, campaigns, given)

@@ -98,7 +98,7 @@ def test_chains_do_not_wait_for_each_other() -> None:
     assert wide.busy > 0.93
 
 
-@pytest.mark.parametrize("before", [0, 1, 2, 40, 60, 65, 100])
+@pytest.mark.parametrize("before", [0, 40, 65])
 def test_chains_go_on_from_a_checkpoint_with_rounds_open(before) -> None:
     whole = run(make_rounds(SubsetMethod, 20, **LEVELS))
     first, seen = make_rounds(SubsetMethod, 20, **LEVELS), []

@@ -165,10 +165,3 @@ def test_a_checkpoint_of_another_campaign_or_format_is_refused():
     later = {**msgspec.msgpack.decode(checkpoint), "format": 99}
     with pytest.raises(ProtocolError, match="format 99"):
         Rounds(Scripted([1]), campaign_seed=0, budget=3).restore(msgspec.msgpack.encode(later))
-
-
-def test_running_in_process_yields_every_result_in_index_order():
-    rounds = Rounds(Scripted([2, 1, 3], lookahead=2), campaign_seed=0, budget=5)
-    results = list(run_in_process(rounds, ToyEngine(Corridor(steps=5))))
-    assert [result.index for result in results] == [0, 1, 2, 3, 4]
-    assert rounds.stopped_because

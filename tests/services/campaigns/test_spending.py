@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from store_checks.examples import deliver, running
 
-from eigenfail.testing.examples import collision, make_errored_result, result
-from eigenfail.values.analysis import FEWEST_OF_MODE, AnalysisResult, AnalysisSettings, FailureMode
+from eigenfail.testing.examples import analysis_result, collision, make_errored_result, result
+from eigenfail.values.analysis import FEWEST_OF_MODE, AnalysisSettings, FailureMode
 from eigenfail.values.campaign import Overhead
 from eigenfail_services.campaigns.costs import find_spending
 
@@ -26,9 +27,8 @@ def ran(store) -> int:
 
 def analyse(store, campaign, labels, *, distinct=True, campaigns=(), small=()) -> int:
     nothing = np.zeros((0, 0), np.float32)
-    arrays = dict.fromkeys(("explained", "components", "scores", "influence"), nothing)
-    found = AnalysisResult(
-        **arrays,
+    found = replace(
+        analysis_result(),
         episodes=CRASHES[: len(labels)],
         labels=labels,
         modes=tuple(
@@ -112,13 +112,3 @@ def test_episodes_that_failed_are_lost_time(store, ran) -> None:
     # Monte Carlo learns nothing: its learner only starts.
     assert (time.startup_s, time.learning_s, time.simulation_s) == (600.0, 0.0, pytest.approx(2700))
     assert time.lost_s == pytest.approx(300.0)
-
-
-def test_monte_carlo_without_a_failure_has_its_bound(store) -> None:
-    campaign = running(store)
-    deliver(store, campaign, *map(result, range(10)))
-    store.campaigns.add_active(campaign.id, 3600.0)
-    told = found(store, campaign.id)
-    assert told.cost.per_failure_usd is None
-    assert told.cost.at_least_usd == pytest.approx(1.2 / (10 * (1.0 - 0.05**0.1)))
-    assert told.notes

@@ -69,12 +69,6 @@ def test_no_round_is_proposed_after_the_rule_and_the_open_one_is_finished(lookah
     assert rounds.stopped_because == words
 
 
-def test_one_failure_is_said_as_such():
-    rounds = Rounds(Steady(3), 0, 400, StopRules(failures=1))
-    assert run(rounds, every_third) == list(range(3))
-    assert rounds.stopped_because == "1 failure was found (rule: failures = 1)."
-
-
 @pytest.mark.parametrize(("rules", "opened"), [(StopRules(), 4), (StopRules(wall_s=1.0), 4)])
 def test_rules_on_time_leave_the_lookahead_alone(rules, opened):
     assert len(Rounds(Steady(3, lookahead=3), 0, 400, rules).open()) == opened

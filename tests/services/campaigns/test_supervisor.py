@@ -69,6 +69,15 @@ class House:
     def state(self, campaign: int) -> CampaignState:
         return self.store.campaigns.get(campaign).state
 
+    def end(self, campaign: int, problem: str = "", because: str = "", declined: str = "") -> None:
+        """The hub has ended a campaign, and the supervisor hears of it."""
+        self.hub.finished_runs.put(FinishedRun(campaign, problem, because, declined=declined))
+        self.supervisor.turn()
+
+
+def away(*_) -> None:
+    raise StoreUnavailable("The disk is full.")
+
 
 @pytest.fixture
 def house() -> House:
@@ -96,17 +105,17 @@ def test_a_queued_campaign_is_launched_once(house: House) -> None:
 def test_what_the_hub_has_ended_is_done_and_its_job_gone(house: House) -> None:
     campaign = house.create()
     house.supervisor.turn()
-    house.hub.finished_runs.put(FinishedRun(campaign, ""))
-    house.supervisor.turn()
-    assert house.state(campaign) is CampaignState.DONE
+    house.end(campaign, because="The budget of 5 episodes was spent.")
+    ended = house.store.campaigns.get(campaign)
+    assert ended.state is CampaignState.DONE
+    assert ended.stopped_because == "The budget of 5 episodes was spent."
     assert house.store.jobs.claim("other", 10.0, JobKind.CAMPAIGN) is None
 
 
 def test_trouble_in_the_hub_is_the_reason_that_the_campaign_keeps(house: House) -> None:
     campaign = house.create()
     house.supervisor.turn()
-    house.hub.finished_runs.put(FinishedRun(campaign, "The learner diverged."))
-    house.supervisor.turn()
+    house.end(campaign, "The learner diverged.")
     ended = house.store.campaigns.get(campaign)
     assert (ended.state, ended.stopped_because) == (CampaignState.DEAD, "The learner diverged.")
 
@@ -125,9 +134,10 @@ def test_a_wish_halts_the_hub_once_and_comes_true(house: House, wish, rest) -> N
     house.supervisor.turn()
     house.supervisor.turn()
     assert house.hub.halted == [campaign]
-    house.hub.finished_runs.put(FinishedRun(campaign, ""))
-    house.supervisor.turn()
-    assert house.state(campaign) is rest
+    house.end(campaign)
+    rests = house.store.campaigns.get(campaign)
+    assert rests.state is rest
+    assert (rests.stopped_because == "") == (rest is CampaignState.PAUSED)
 
 
 def test_a_campaign_that_cannot_be_staged_dies_with_the_reason(house: House) -> None:
@@ -138,20 +148,11 @@ def test_a_campaign_that_cannot_be_staged_dies_with_the_reason(house: House) -> 
     assert "999" in ended.stopped_because
 
 
-def test_no_more_campaigns_at_a_time_than_there_is_room_for(house: House) -> None:
-    campaigns = [house.create() for _ in range(ROOM + 2)]
-    house.supervisor.turn()
-    assert house.hub.launched == campaigns[:ROOM]
-    house.hub.finished_runs.put(FinishedRun(campaigns[1], ""))
-    house.supervisor.turn()
-    house.supervisor.turn()
-    assert house.hub.launched[-1] == campaigns[ROOM]
-
-
 def test_analyses_do_not_wait_for_campaigns(house: House) -> None:
     campaigns = [house.create() for _ in range(ROOM + 1)]
     analysis = house.store.analyses.create(campaigns[0], AnalysisSettings())
     house.supervisor.turn()
+    assert house.hub.launched == campaigns[:ROOM]
     assert [job.subject for job in house.analyses.opened] == [analysis.id]
 
 
@@ -187,9 +188,6 @@ def test_an_ending_that_the_store_refuses_is_kept_for_later(house: House, monkey
     house.hub.finished_runs.put(FinishedRun(campaign, ""))
     move = house.store.campaigns.move
 
-    def away(*_):
-        raise StoreUnavailable("The disk is full.")
-
     monkeypatch.setattr(house.store.campaigns, "move", away)
     with pytest.raises(StoreUnavailable):
         house.supervisor.turn()
@@ -209,8 +207,7 @@ def test_our_own_lease_that_ran_out_launches_nothing_twice(house: House, monkeyp
     house.supervisor.turn()
     assert [job.subject for job in claimed] == [campaign, campaign]
     assert house.hub.launched == [campaign]
-    house.hub.finished_runs.put(FinishedRun(campaign, ""))
-    house.supervisor.turn()
+    house.end(campaign)
     assert house.state(campaign) is CampaignState.DONE
 
 
@@ -265,25 +262,6 @@ def test_a_cancellation_in_the_very_moment_of_a_pause_is_heeded(house: House, mo
     assert house.state(campaign) is CampaignState.CANCELLED
 
 
-def test_time_is_billed_although_the_store_was_away(house: House, monkeypatch) -> None:
-    now_s = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now_s[0])
-    campaign = house.create()
-    house.supervisor.turn()
-
-    def away(*_):
-        raise StoreUnavailable("The disk is full.")
-
-    now_s[0] = 60.0
-    with monkeypatch.context() as patch:
-        patch.setattr(house.store.campaigns, "add_active", away)
-        with pytest.raises(StoreUnavailable):
-            house.supervisor.turn()
-    now_s[0] = 70.0
-    house.supervisor.turn()
-    assert house.store.campaigns.get(campaign).active_s == 70.0
-
-
 def test_what_the_time_went_into_is_billed_with_it(house: House, monkeypatch) -> None:
     orders = []
     monkeypatch.setattr(house.hub, "launch", orders.append)
@@ -292,9 +270,6 @@ def test_what_the_time_went_into_is_billed_with_it(house: House, monkeypatch) ->
     accounting = orders[0].accounting
     accounting.add_discarded(0.5)
     accounting.set_phase(CampaignPhase.LEARNING)
-
-    def away(*_):
-        raise StoreUnavailable("The disk is full.")
 
     with monkeypatch.context() as patch:
         patch.setattr(house.store.campaigns, "add_active", away)
@@ -316,15 +291,6 @@ class Clock:
     def turn(self, house: House, until_s: float) -> None:
         self.now_s = until_s
         house.supervisor.turn()
-
-
-def test_why_a_campaign_ended_well_is_kept(house: House) -> None:
-    campaign = house.create()
-    house.supervisor.turn()
-    house.hub.finished_runs.put(FinishedRun(campaign, "", "The budget of 5 episodes was spent."))
-    house.supervisor.turn()
-    ended = house.store.campaigns.get(campaign)
-    assert ended.stopped_because == "The budget of 5 episodes was spent."
 
 
 def test_the_rules_on_results_go_to_the_hub(house: House, monkeypatch) -> None:
@@ -460,8 +426,7 @@ def test_a_campaign_that_a_worker_declined_is_paused_with_the_reason(
     house.supervisor.turn()
     if wish:
         house.store.campaigns.move(campaign, wish)
-    house.hub.finished_runs.put(FinishedRun(campaign, "", declined="Worker w can run no episode."))
-    house.supervisor.turn()
+    house.end(campaign, declined="Worker w can run no episode.")
     rests = house.store.campaigns.get(campaign)
     assert rests.state is after
     assert rests.stopped_because.startswith("Worker w can run no episode. Launch a corrected one")
@@ -471,17 +436,6 @@ def test_a_campaign_that_a_worker_declined_is_paused_with_the_reason(
         assert house.store.campaigns.get(campaign).stopped_because == ""
         house.supervisor.turn()
         assert house.hub.launched == [campaign, campaign]
-
-
-def test_a_pause_that_a_user_asked_for_needs_no_reason(house: House) -> None:
-    campaign = house.create()
-    house.supervisor.turn()
-    house.store.campaigns.move(campaign, CampaignState.PAUSING)
-    house.supervisor.turn()
-    house.hub.finished_runs.put(FinishedRun(campaign, ""))
-    house.supervisor.turn()
-    rests = house.store.campaigns.get(campaign)
-    assert (rests.state, rests.stopped_because) == (CampaignState.PAUSED, "")
 
 
 FUNCTION = {"simulator": "function", "scenario": "function", "planner": "unlisted_module:f"}

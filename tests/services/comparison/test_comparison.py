@@ -18,7 +18,7 @@ from eigenfail.values.campaign_spec import CampaignSpec, StopRules
 from eigenfail.values.comparison import PairTotals
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
-from eigenfail.values.estimates import Rate, RateDesign
+from eigenfail.values.estimates import RateDesign
 from eigenfail.values.measures import Measures
 from eigenfail.values.requirements import NoCollision, TimeHeadway
 from eigenfail.values.shapes import Correlated
@@ -75,7 +75,6 @@ def test_two_planners_that_saw_the_same_noise(store: Store) -> None:
     assert (found.a.failure_rate, found.b.failure_rate) == (rate(5, 50), rate(20, 50))
     assert found.difference == paired_difference(PairTotals(2, 3, 18, 27))
     assert found.difference.value == pytest.approx(0.3)
-    assert found.pairs is not None
     assert (found.pairs.n, found.pairs.only_a, found.pairs.only_b) == (50, 3, 18)
     assert (found.pairs.both, found.pairs.neither) == (2, 27)
     # 2 · (1 + 21 + 210 + 1330) / 2^21
@@ -87,31 +86,10 @@ def test_two_planners_that_saw_the_same_noise(store: Store) -> None:
     assert found.warnings == ()
 
 
-def test_what_it_says_is_plain(store: Store) -> None:
-    a, b = campaign(store, range(5)), campaign(store, range(3, 23), planner="idm")
-    said = compare(store, [a], [b]).sentences
-    assert said[0] == (
-        "A fails in 10.0 % [4.34, 21.4] of 50 episodes; "
-        "B fails in 40.0 % [27.6, 53.9] of 50 episodes."
-    )
-    assert said[1] == "B fails 30.0 percentage points [13.2, 45.7] more often than A."
-    assert said[2] == (
-        "Both saw the same noise in 50 pairs of episodes: 18 where only B failed, 3 where only A "
-        "did, 2 where both did; McNemar's exact test distinguishes them (p = 0.0015)."
-    )
-    assert said[3].startswith("A failure costs 0.240 USD [0.112, 0.553] with A, 0.0600 USD [")
-    assert said[4].startswith("log p per step of the failures is ")
-    back = compare(store, [b], [a]).sentences
-    assert back[1] == "B fails 30.0 percentage points [13.2, 45.7] less often than A."
-    none = compare(store, [campaign(store, [])], [b]).sentences
-    assert none[0].startswith("A fails in 0 of 50: ≤ 5.82 %; B fails in 40.0 % [27.6, 53.9] of ")
-
-
 def test_few_pairs_that_differ_leave_it_open_whether_they_do(store: Store) -> None:
     a, b = campaign(store, range(0)), campaign(store, range(5), planner="idm")
     found = compare(store, [a], [b])
     # 5 of 5 pairs: p = 2 ÷ 2⁵, though the interval excludes 0.
-    assert found.difference is not None
     assert found.difference.interval.low > 0.0
     assert found.sentences[1].startswith("Whether they differ is open: B − A is +10.0 % [+")
     assert "does not distinguish them (p = 0.0625)" in found.sentences[2]
@@ -131,13 +109,6 @@ def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -
     assert any("ended none of these episodes" in warning for warning in found.warnings)
 
 
-def test_no_difference_is_said_to_be_none(store: Store) -> None:
-    a, b = campaign(store, range(5)), campaign(store, range(6), planner="idm")
-    said = compare(store, [a], [b]).sentences
-    assert said[1].startswith("The pairs show no difference: B − A is +2.00 % [−")
-    assert "does not distinguish them (p = 1.0000)" in said[2]
-
-
 def test_seeds_are_pooled_and_have_an_effect_size(store: Store) -> None:
     a = [campaign(store, range(k), seed=k) for k in (1, 2, 3, 4)]
     b = [campaign(store, range(k + 2), seed=k, planner="idm") for k in (3, 1, 2, 4)]
@@ -146,27 +117,20 @@ def test_seeds_are_pooled_and_have_an_effect_size(store: Store) -> None:
     assert found.a.failure_rate == rate(10, 200)
     assert found.a.rates == (0.02, 0.04, 0.06, 0.08)
     assert found.a.cost.instance_hours == pytest.approx(4.0)
-    assert found.pairs is not None
     assert (found.pairs.n, found.pairs.only_b, found.pairs.only_a) == (200, 8, 0)
-    assert found.effect is not None
     # {1, 2, 3, 4} against {3, 4, 5, 6}: of 16 pairs 13 are won and two are ties.
     assert found.effect.a12 == pytest.approx(14 / 16)
     assert "0.88: large effect (Vargha–Delaney A12, n = 4 and 4 campaigns)" in found.sentences[-1]
-
-
-def test_two_seeds_on_each_side_are_said_to_show_no_effect(store: Store) -> None:
-    a = [campaign(store, range(k), seed=k) for k in (1, 2)]
-    b = [campaign(store, range(k + 9), seed=k, planner="idm") for k in (1, 2)]
-    found = compare(store, a, b)
-    assert found.effect is None
-    assert found.sentences[-1].startswith("2 and 2 campaigns show no effect over seeds:")
-    assert "with p = 0.33" in found.sentences[-1]
 
 
 UNPAIRED = [
     ({"seed": 7}, "their seeds differ."),
     ({"method": "cem"}, "cem chooses its noise by what earlier episodes did."),
     ({"method": "replay"}, "monte_carlo and replay do not draw the same noise."),
+    (
+        {"disturbance": DisturbanceModel(shape=Correlated(0.5, 0.5))},
+        "their noise differs in shape.",
+    ),
 ]
 
 
@@ -176,13 +140,6 @@ def test_it_is_said_why_episodes_are_not_paired(store: Store, changes, because) 
     found = compare(store, [a], [b])
     assert (found.pairs, found.unpaired_because) == (None, because)
     assert f"Episodes are not paired: {because}" in found.sentences
-
-
-def test_other_shapes_of_noise_are_not_paired(store: Store) -> None:
-    a = campaign(store, range(5))
-    shaped = DisturbanceModel(shape=Correlated(0.5, 0.5))
-    made = store.campaigns.create(accept_spec(spec(disturbance=shaped)))
-    assert compare(store, [a], [made.id]).unpaired_because == "their noise differs in shape."
 
 
 def test_noise_of_other_channels_is_not_paired(store: Store) -> None:
@@ -294,13 +251,6 @@ def test_settings_are_told_apart_wherever_they_are() -> None:
     assert find_mixed_fields([spec(), spec(seed=1)]) == ()
 
 
-def test_rates_are_wilsons(store: Store) -> None:
-    found = compare(store, [campaign(store, [])], [campaign(store, [1], planner="idm")])
-    assert isinstance(found.a.failure_rate, Rate)
-    assert found.a.failure_rate.interval.high == pytest.approx(1.0 - 0.05 ** (1 / 50))
-    assert found.sentences[3].startswith("A failure costs at least 0.412 USD with A, 1.20 USD [")
-
-
 def test_a_default_that_is_written_out_is_no_difference(store: Store) -> None:
     """As in the examples: one file says the distance, the other leaves it to the scenario."""
     a = campaign(store, range(5), scenario_parameters={"distance_m": 58})
@@ -355,9 +305,7 @@ def test_errored_episodes_are_told_beside_the_rates(store: Store) -> None:
         "as failures."
     )
     found = compare(store, [campaign(store, range(5))], [made.id])
-    assert found.b.failure_rate is not None
     assert found.b.failure_rate.interval == find_interval(0, 12, 10)
-    assert found.difference is not None
     assert not found.difference.is_paired
     assert found.difference.interval.high > 0.0
 

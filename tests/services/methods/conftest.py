@@ -1,37 +1,12 @@
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from eigenfail.settings import read_settings
-from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values.disturbance import NoiseTrajectory
-from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome, learner_seed, unrunnable
-from eigenfail.values.learning import LearnerContext
+from eigenfail.values.episode import EpisodeFault, EpisodeResult, Outcome, unrunnable
 from eigenfail.values.measures import Measures
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-
-sys.path.append(str(Path(__file__).parent))
-
-Campaign = Callable[..., list[EpisodeResult]]
-
-
-@pytest.fixture
-def campaign() -> Campaign:
-    """Run a whole campaign of a method in a corridor, in this process."""
-
-    def run(
-        method: Any, corridor: Corridor, episodes: int, seed: int = 0, **settings: Any
-    ) -> list[EpisodeResult]:
-        nothing = np.zeros((0, corridor.steps, corridor.channels), np.float32)
-        context = LearnerContext(learner_seed(seed), episodes, corridor.steps, nothing)
-        learner = method(context, read_settings(method.Settings, settings, "settings"))
-        return list(run_in_process(Rounds(learner, seed, episodes), ToyEngine(corridor)))
-
-    return run
 
 
 @pytest.fixture
@@ -90,18 +65,3 @@ class NoiseEngine:
 def noise_engine() -> type[NoiseEngine]:
     """An engine for a function of noise."""
     return NoiseEngine
-
-
-@pytest.fixture
-def prior_failure_rate() -> Callable[[Corridor], float]:
-    """Failure rate of a corridor under the prior, by brute force."""
-
-    def rate(corridor: Corridor, batches: int = 20, size: int = 10_000) -> float:
-        random = np.random.default_rng(12345)
-        failed = sum(
-            int((corridor.course(z) >= corridor.wall).any(axis=1).sum())
-            for z in (random.standard_normal((size, corridor.steps, 2)) for _ in range(batches))
-        )
-        return failed / (batches * size)
-
-    return rate

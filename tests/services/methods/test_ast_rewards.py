@@ -5,7 +5,6 @@ from math import log, sqrt
 import numpy as np
 import pytest
 
-from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.ast.method import make_reward
@@ -67,8 +66,3 @@ def test_the_newest_hundred_failures_are_kept_and_come_back(episode):
     np.testing.assert_array_equal(again.failures, seen.failures)
     with pytest.raises(ValueError, match="no failures"):
         fresh.load({})
-
-
-def test_an_unknown_reward_is_refused():
-    with pytest.raises(InvalidValue, match="reward"):
-        reward("curiosity")

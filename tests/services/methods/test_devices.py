@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 import torch
 from accepted import accept_spec
+from difs_learners import make_difs, noise_of
 
 from eigenfail.errors import InvalidValue
-from eigenfail.settings import read_settings
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
@@ -31,14 +30,7 @@ NO_GPU = "settings.device: cuda is asked for, and torch finds no GPU where the l
 
 
 def learner(device: str) -> DiffusionFailureSampling:
-    nothing = np.zeros((0, HORIZON, 2), np.float32)
-    given = {**QUICK, "device": device}
-    settings = read_settings(DiffusionFailureSampling.Settings, given, "settings")
-    return DiffusionFailureSampling(LearnerContext(0, EPISODES, HORIZON, nothing), settings)
-
-
-def noise(proposal) -> np.ndarray:
-    return np.stack([source.z for source in proposal.sources])
+    return make_difs(EPISODES, HORIZON, **QUICK, device=device)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +90,7 @@ def trained(episode):
         for i in range(len(made.propose(EPISODES).sources))
     ]
     made.observe(results)
-    return made.state(), noise(made.propose(20))
+    return made.state(), noise_of(made.propose(20))
 
 
 def test_a_checkpoint_holds_plain_arrays_and_goes_on_where_there_is_no_gpu(
@@ -115,7 +107,7 @@ def test_a_checkpoint_holds_plain_arrays_and_goes_on_where_there_is_no_gpu(
     monkeypatch.setattr(torch, "load", none)
     again = learner("auto")
     again.restore(state)
-    np.testing.assert_array_equal(noise(again.propose(20)), wanted)
+    np.testing.assert_array_equal(noise_of(again.propose(20)), wanted)
 
 
 def test_what_is_saved_is_brought_to_the_cpu_first(monkeypatch) -> None:

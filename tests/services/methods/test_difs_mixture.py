@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
+from difs_learners import make_difs, noise_of
 
-from eigenfail.settings import read_settings
-from eigenfail.values.learning import LearnerContext
-from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.difs.model import DiffusionModel
 from eigenfail_services.methods.difs.modes import (
     Mixture,
@@ -124,16 +122,9 @@ def test_before_training_there_is_the_prior_alone():
     assert not prior.means.any()
 
 
-def learner(**settings):
-    nothing = np.zeros((0, 5, 2), np.float32)
-    quick = {"first_steps": 20, "steps": 10, "device": "cpu", "initial_share": 0.2}
-    given = read_settings(DifsSettings, {**quick, **settings}, "settings")
-    return DiffusionFailureSampling(LearnerContext(0, 100, 5, nothing), given)
-
-
 def trained(episode):
     """A learner that has seen two kinds of noise, each with the same robustness."""
-    random, one = np.random.default_rng(1), learner()
+    random, one = np.random.default_rng(1), make_difs(initial_share=0.2)
     one.propose(100)
     sides = np.where(np.arange(20) % 2, 2.0, -2.0)
     noise = random.standard_normal((20, 5, 2)) + sides[:, None, None]
@@ -141,12 +132,8 @@ def trained(episode):
     return one
 
 
-def noise_of(proposal):
-    return np.stack([source.z for source in proposal.sources])
-
-
 def test_samples_are_shared_among_the_modes_and_a_restored_learner_goes_on(episode):
-    one, other = trained(episode), learner()
+    one, other = trained(episode), make_difs(initial_share=0.2)
     other.restore(one.state())
     np.testing.assert_array_equal(other._model.mixture.means, one._model.mixture.means)
     proposed = noise_of(one.propose(10))
@@ -172,7 +159,7 @@ def test_once_the_elite_are_failures_no_more_modes_are_sought(episode):
     sides = np.where(np.arange(40) % 2, 2.0, -2.0)
     noise = random.standard_normal((40, 5, 2)) + sides[:, None, None]
     for robustness in (1.0, 0.0):
-        one = learner()
+        one = make_difs(initial_share=0.2)
         one.propose(100)
         one.observe([episode(z, robustness) for z in noise])
         found.append(len(one._model.mixture.shares))

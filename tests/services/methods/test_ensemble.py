@@ -16,7 +16,7 @@ from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import Layer, LearnerContext, Policy, Proposal
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.cem import CrossEntropyMethod
-from eigenfail_services.methods.ensemble import Ensemble, divide_episodes, make_member_seed
+from eigenfail_services.methods.ensemble import Ensemble, make_member_seed
 
 CORRIDOR = Corridor()
 AST = {"round_size": 4, "warm_up": 4, "buffer_size": 70, "gradient_steps": 2}
@@ -35,13 +35,6 @@ class TestEnsembleOfCem(LearnerSuite):
     rounds = 5
 
 
-class TestEnsembleOfMonteCarlo(LearnerSuite):
-    method = Ensemble
-    settings = MappingProxyType(
-        {"method": "monte_carlo", "members": 2, "settings": {"round_size": 6}}
-    )
-
-
 class TestEnsembleThatPassesOverWhoHasEnded(LearnerSuite):
     """Each member replays its 40 trajectories once."""
 
@@ -55,13 +48,6 @@ class TestEnsembleThatJudgesItsMembers(LearnerSuite):
     settings = MappingProxyType({"members": 2, "settings": AST, "judged": 14})
     rounds = 8
     budget = 40
-
-
-class TestEnsembleOfCemThatJudgesItsMembers(LearnerSuite):
-    method = Ensemble
-    settings = MappingProxyType({"method": "cem", "members": 3, "settings": CEM, "judged": 12})
-    rounds = 5
-    budget = 45
 
 
 def context(episodes=40, seed=7):
@@ -390,11 +376,6 @@ def test_members_tell_together_how_many_episodes_they_were_trained_with():
     assert rounds.trained_episodes() == sum(one.trained_episodes for one in ast._members) == 40
     assert Rounds(plain, 1, 40).trained_episodes() is None
     assert Rounds(plain._members[0], 1, 40).trained_episodes() is None
-
-
-def test_too_few_episodes_are_refused_with_a_remedy():
-    with pytest.raises(InvalidValue, match=r"4 members cannot share 3 episodes\. Ask for fewer"):
-        divide_episodes(3, 4)
 
 
 def test_judging_takes_no_episode_that_a_member_needs():

@@ -118,23 +118,6 @@ def test_every_episode_is_drawn_anew_and_by_the_evaluations_own_seed(of_cem):
     np.testing.assert_equal(noise(found), noise(again))
 
 
-def test_the_same_draws_are_made_in_another_world(of_cem):
-    """A wall nearer by is hit by the same noise, earlier."""
-    before, _ = of_cem
-    here, near = evaluated(before), evaluated(before, corridor=Corridor(wall=0.5))
-    assert rate(near) > rate(here)
-    for a, b in zip(noise(here), noise(near), strict=True):
-        shorter = min(len(a), len(b))
-        np.testing.assert_array_equal(a[:shorter], b[:shorter])
-
-
-def test_members_of_an_ensemble_are_evaluated_in_turn():
-    before, _ = trained("ensemble", OF_CEM)
-    results = evaluated(before, 80)
-    assert rate(results) > 0.2
-    assert len({float(z[0, 0]) for z in noise(results)}) == 80
-
-
 @pytest.mark.parametrize(
     ("method", "settings"),
     [("ast", AST), ("ensemble", {"members": 2, "settings": AST})],

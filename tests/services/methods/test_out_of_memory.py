@@ -6,30 +6,22 @@ What is real: the method, its model, and the checkpoint that it goes on from.
 import numpy as np
 import pytest
 import torch
+from difs_learners import make_difs, noise_of
 
 from eigenfail.errors import LearnerDiverged
-from eigenfail.settings import read_settings
-from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.tensors import wrap_memory_errors
 
 TOLD = "CUDA out of memory. Tried to allocate 2.00 GiB.\nGPU 0 has a total capacity of 79.1 GiB."
-QUICK = {"first_steps": 5, "steps": 5, "device": "cpu", "initial_share": 0.2, "round_size": 20}
 EPISODES, HORIZON = 100, 5
 
 
 def learner() -> DiffusionFailureSampling:
-    nothing = np.zeros((0, HORIZON, 2), np.float32)
-    settings = read_settings(DiffusionFailureSampling.Settings, QUICK, "settings")
-    return DiffusionFailureSampling(LearnerContext(0, EPISODES, HORIZON, nothing), settings)
+    return make_difs(EPISODES, HORIZON, initial_share=0.2, round_size=20)
 
 
 def refuse(*_arguments, **_named) -> None:
     raise torch.OutOfMemoryError(TOLD)
-
-
-def noise(proposal) -> np.ndarray:
-    return np.stack([source.z for source in proposal.sources])
 
 
 @pytest.fixture
@@ -60,7 +52,7 @@ def test_no_room_to_train_is_told_and_the_checkpoint_goes_on(round_of, monkeypat
     again.restore(checkpoint)
     for each in (undisturbed, again):
         each.observe(results)
-    np.testing.assert_array_equal(noise(undisturbed.propose(20)), noise(again.propose(20)))
+    np.testing.assert_array_equal(noise_of(undisturbed.propose(20)), noise_of(again.propose(20)))
 
 
 @pytest.mark.fault("GPU without free memory")

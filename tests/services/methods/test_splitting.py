@@ -189,6 +189,7 @@ def test_errored_episodes_make_the_estimate_a_lower_bound():
     bounded = estimate.bound_below(8)
     assert bounded.note.startswith("8 episodes errored and may hide failures")
     assert (bounded.bound, bounded.interval) == ("lower", None)
+    assert estimate.bound_below(0) == estimate
 
 
 def test_workers_without_importance_are_refused():

@@ -100,12 +100,6 @@ def test_pairs_that_all_agree_leave_the_score_bound_of_no_event(n) -> None:
     assert bounds.low == pytest.approx(-bounds.high)
 
 
-def test_pairs_that_agree_have_a_narrower_interval_than_independent_samples() -> None:
-    found = paired_difference(count_pairs(90, 2, 8, 100)).interval
-    apart = difference(make_rate(92, 200), make_rate(98, 200)).interval
-    assert found.high - found.low < 0.5 * (apart.high - apart.low)
-
-
 def test_without_a_pair_there_is_no_difference() -> None:
     with pytest.raises(InvalidValue):
         paired_difference(PairTotals())

@@ -61,27 +61,24 @@ def test_heavy_tails_are_not_integrated_at_every_step(monkeypatch):
     assert len(looked) - first <= 4 * STEPS < first <= 4 * STEPS + 4 * len(NODES)
 
 
-@pytest.mark.parametrize("chain", [Markov(0.05, 4.0), Markov(0.5, 1.0), Markov(0.002, 50.0)])
-def test_of_events_it_is_the_mean_over_many_draws(chain):
-    shape = PerChannel((chain, Autoregressive(0.7)))
-    rng = np.random.default_rng(5)
-    drawn = [
-        NoiseTrajectory(
-            rng.normal(size=(STEPS, 2)).astype(np.float32), np.ones((STEPS, 2), np.float32), shape
-        )
-        for _ in range(1_500)
-    ]
-    found = [noise.log_probability for noise in drawn]
-    error = np.std(found) / np.sqrt(len(found))
-    assert expected_log_probability(drawn[0]) == pytest.approx(np.mean(found), abs=4.0 * error)
-    assert len({round(expected_log_probability(each), 6) for each in drawn[:5]}) == 1
+EVEN = np.ones((STEPS, 2), np.float32)
+FALLING = np.stack([np.ones(STEPS), np.linspace(0.4, 0.01, STEPS)], axis=1).astype(np.float32)
+"""What the rate of events in each step follows."""
 
 
-def test_of_events_with_a_rate_of_each_step_it_is_the_mean_over_many_draws():
-    shape = PerChannel((White(), Markov(0.01, 4.0, 0.001)))
-    rng = np.random.default_rng(5)
-    sigma = np.ones((STEPS, 2), np.float32)
-    sigma[:, 1] = np.linspace(0.4, 0.01, STEPS)
+@pytest.mark.parametrize(
+    ("shapes", "sigma"),
+    [
+        *(
+            ((chain, Autoregressive(0.7)), EVEN)
+            for chain in (Markov(0.05, 4.0), Markov(0.5, 1.0), Markov(0.002, 50.0))
+        ),
+        ((White(), Markov(0.01, 4.0, 0.001)), FALLING),
+    ],
+    ids=["usual", "frequent", "rare", "rate of each step"],
+)
+def test_of_events_it_is_the_mean_over_many_draws(shapes, sigma):
+    shape, rng = PerChannel(shapes), np.random.default_rng(5)
     drawn = [
         NoiseTrajectory(rng.normal(size=(STEPS, 2)).astype(np.float32), sigma, shape)
         for _ in range(1_500)

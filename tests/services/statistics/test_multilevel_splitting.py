@@ -56,15 +56,7 @@ def expect_mean(found, truth):
     assert deviation < 0.15 * truth
 
 
-def test_the_truth_of_the_walk():
-    rng = np.random.default_rng(1)
-    y = rng.standard_normal((400_000, STEPS)).cumsum(axis=1).max(axis=1)
-    drawn = float((y > WALL).mean())
-    assert abs(drawn - P) < 4.0 * sqrt(P / 400_000)
-    assert 1e-4 < P < 2e-3
-
-
-@pytest.mark.parametrize(("given_up", "channels"), [(0.02, 2), (0.1, 5), (0.4, 1)])
+@pytest.mark.parametrize(("given_up", "channels"), [(0.05, 2), (0.1, 5), (0.4, 1)])
 def test_it_is_unbiased_whatever_share_is_given_up_with_any_number_of_channels(given_up, channels):
     expect_mean([estimate(seed, 40, given_up, channels=channels) for seed in range(120)], P)
 
@@ -81,19 +73,6 @@ def test_it_is_unbiased_with_an_importance_that_says_little():
         for seed in range(120)
     ]
     expect_mean(found, P)
-
-
-def test_it_is_far_more_precise_than_as_many_plain_draws():
-    found, drawn = [], []
-    for seed in range(40):
-        run, count = SplittingRun((seed,), (100, STEPS, 2), 0.1), 0
-        while run.wave is not None:
-            count += len(run.wave.rows)
-            courses, failed = walk(run.wave.z)
-            run.add(courses, failed.tolist())
-        found.append(run.probability)
-        drawn.append(count)
-    assert np.std(found) / P < 0.6 * sqrt(1.0 / P / np.mean(drawn))
 
 
 def test_continuations_have_the_noise_of_another_one_until_it_exceeded_the_level():
@@ -121,10 +100,6 @@ def test_a_run_goes_on_bit_for_bit_from_its_state():
     assert np.array_equal(other.z, whole.z)
     assert np.array_equal(other.families, whole.families)
     assert len(set(whole.families.tolist())) < 30
-
-
-def test_seeds_differ():
-    assert estimate(1) != estimate(2)
 
 
 def test_errored_episodes_come_no_closer():
@@ -155,6 +130,7 @@ def test_where_all_are_equal_the_run_dies_out():
     run = SplittingRun((3,), (30, STEPS, 2), 0.1)
     run.add([np.zeros(STEPS, np.float32)] * 30, [False] * 30)
     assert (run.wave, run.probability) == (None, 0.0)
+    assert run.divide_by_families().tolist() == [0.0] * 30
 
 
 def test_where_nearly_all_fail_the_first_draws_are_the_estimate():
@@ -200,12 +176,6 @@ def test_parts_of_the_families_sum_up_to_the_estimate():
     failed = np.isinf(run.courses[:, -1])
     assert parts.sum() == pytest.approx(run.probability)
     assert set(np.flatnonzero(parts).tolist()) == set(run.families[failed].tolist())
-
-
-def test_a_run_that_died_out_has_no_families():
-    run = SplittingRun((3,), (30, STEPS, 2), 0.1)
-    run.add([np.zeros(STEPS, np.float32)] * 30, [False] * 30)
-    assert run.divide_by_families().tolist() == [0.0] * 30
 
 
 def test_the_error_of_a_mean_has_the_families_and_the_differences_of_the_runs():

@@ -130,20 +130,6 @@ def test_the_interval_of_a_mean_holds_it_in_95_percent(n):
     assert hold(draws, 0.5) == pytest.approx(0.95, abs=0.011)  # three standard errors
 
 
-@pytest.mark.parametrize(("n", "held"), [(3, 0.92), (5, 0.92), (10, 0.93)])
-def test_of_skewed_shares_it_holds_a_little_less(n, held):
-    draws = np.random.default_rng(n).beta(1.5, 6.0, (RUNS, n))
-    assert hold(draws, 0.2, lowest=0.0, highest=1.0) == pytest.approx(held, abs=0.011)
-
-
-@pytest.mark.parametrize(("n", "held"), [(3, 0.83), (5, 0.80), (10, 0.89)])
-def test_where_a_fifth_of_seeds_finds_nothing_it_holds_less_often(n, held):
-    # A few seeds may hold none that finds nothing: then the interval does not know of these.
-    random = np.random.default_rng(n)
-    found = np.where(random.random((RUNS, n)) < 0.2, 0.0, random.beta(8.0, 2.0, (RUNS, n)))
-    assert hold(found, 0.64, lowest=0.0, highest=1.0) == pytest.approx(held, abs=0.015)
-
-
 def hold_ratio(pairs, ratio):
     """Share of the pairs of prices and failures whose interval, or bound, holds the ratio."""
     held = 0
@@ -159,20 +145,8 @@ def draw_normal(random, n):
     return 1.0 + 0.01 * failures + random.normal(0.0, 0.05, n), failures
 
 
-def draw_skewed(random, n):
-    """Failures with a mean of 40 and a standard deviation of 33, at prices that vary little."""
-    return random.normal(1.0, 0.05, n), random.negative_binomial(1.5, 1.5 / 41.5, n)
-
-
 @pytest.mark.parametrize("n", [3, 5, 10])
 def test_the_interval_of_a_ratio_holds_it_in_95_percent(n):
     random = np.random.default_rng(n)
     pairs = [draw_normal(random, n) for _ in range(RUNS)]
     assert hold_ratio(pairs, (1.0 + 0.4) / 40.0) == pytest.approx(0.95, abs=0.011)
-
-
-@pytest.mark.parametrize("n", [3, 5, 10])
-def test_of_skewed_failures_the_interval_of_a_ratio_holds_a_little_less(n):
-    random = np.random.default_rng(n)
-    pairs = [pair for _ in range(RUNS) if (pair := draw_skewed(random, n))[1].sum()]
-    assert hold_ratio(pairs, 1.0 / 40.0) == pytest.approx(0.91, abs=0.015)

@@ -160,12 +160,6 @@ def test_two_fifths_of_the_moves_are_accepted():
     assert all(0.1 <= level.acceptance <= 0.3 for level in levels[2:])
 
 
-def test_the_same_seed_gives_the_same_estimate():
-    first, again, other = (simulated(half_space(1e-4), BUDGET, seed) for seed in (8, 8, 9))
-    assert first == again
-    assert first.probability != other.probability
-
-
 @pytest.mark.parametrize(
     ("robustness", "end"),
     [
@@ -235,16 +229,6 @@ def test_draws_are_standard_normal_and_spread_evenly(draw):
         assert kstest(np.ravel([values[place] for values in sets]), "norm").pvalue > 0.001
     assert draw(np.random.default_rng(3), 5, 2).shape == (5, 2)
     assert draw(np.random.default_rng(3), 1, 2).shape == (1, 2)
-
-
-def test_spread_draws_lower_the_variation_of_a_share():
-    def spread_of_share(draw):
-        rng = np.random.default_rng(11)
-        return np.std([(draw(rng, 200, 40).sum(axis=1) > 3.0).mean() for _ in range(200)])
-
-    independent = spread_of_share(lambda rng, *shape: rng.standard_normal(shape))
-    assert spread_of_share(draw_latin_normal) < 0.8 * independent
-    assert spread_of_share(draw_sobol_normal) < 0.8 * independent
 
 
 def test_the_variation_of_independent_draws_is_the_binomial_one():

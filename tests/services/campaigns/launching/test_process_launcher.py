@@ -34,30 +34,6 @@ time.sleep(600)
 """
 
 
-class Table:
-    """A hub with the work that a test gives it."""
-
-    def __init__(self) -> None:
-        self.demand = WorkerDemand()
-        self.leaving: frozenset[str] = frozenset()
-
-    def measure_demand(self) -> WorkerDemand:
-        return self.demand
-
-    def drain_workers(self, names) -> None:
-        self.leaving = frozenset(names)
-
-
-class Clock:
-    """Time that a test moves on."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 @pytest.fixture
 def stand_in(tmp_path, monkeypatch) -> Path:
     """A module that notes how it was started in place of a worker; returns where."""
@@ -127,8 +103,9 @@ def test_each_worker_has_a_process_that_gets_the_key_but_not_in_its_arguments(
     assert children() == []
 
 
-def test_a_killed_worker_is_started_again_after_ever_longer_pauses(stand_in, launchers) -> None:
-    clock, table = Clock(), Table()
+def test_a_killed_worker_is_started_again_after_ever_longer_pauses(
+    stand_in, launchers, clock, table
+) -> None:
     launcher = launchers(Span(1, 1), clock)
     launcher.start(HUB)
     pauses = []
@@ -147,10 +124,9 @@ def test_a_killed_worker_is_started_again_after_ever_longer_pauses(stand_in, lau
 
 
 def test_a_worker_that_is_refused_again_and_again_gives_up_and_is_told_of(
-    stand_in, launchers, monkeypatch
+    stand_in, launchers, clock, table, monkeypatch
 ) -> None:
     monkeypatch.setenv("STAND_IN_STATUS", "2")
-    clock, table = Clock(), Table()
     launcher = launchers(Span(1, 1), clock)
     launcher.start(HUB)
     notices = []
@@ -169,9 +145,10 @@ def test_a_worker_that_is_refused_again_and_again_gives_up_and_is_told_of(
     assert len(lives) == MOST_REFUSALS
 
 
-def test_refusals_count_only_in_a_row_and_once(stand_in, launchers, monkeypatch) -> None:
+def test_refusals_count_only_in_a_row_and_once(
+    stand_in, launchers, clock, table, monkeypatch
+) -> None:
     monkeypatch.setenv("STAND_IN_STATUS", "2")
-    clock, table = Clock(), Table()
     launcher = launchers(Span(1, 1), clock)
     launcher.start(HUB)
 
@@ -188,19 +165,14 @@ def test_refusals_count_only_in_a_row_and_once(stand_in, launchers, monkeypatch)
                 break
 
 
-def test_an_unwanted_worker_that_never_connects_is_ended(stand_in, launchers) -> None:
-    clock, table = Clock(), Table()
+def test_an_unwanted_worker_that_never_connects_is_ended(stand_in, launchers, clock, table) -> None:
     launcher = launchers(Span(0, 1, 5.0), clock)
     launcher.start(HUB)
     table.demand = WorkerDemand(Work(10, 10.0))
-    for _ in range(12):
-        clock.now_s += 0.25
-        launcher.poll(table)
+    clock.pass_by(3.0, launcher, table)
     wait_for(lambda: len(list_lives(stand_in)) == 1)
     table.demand = WorkerDemand()
-    for _ in range(80):
-        clock.now_s += 0.25
-        launcher.poll(table)
+    clock.pass_by(20.0, launcher, table)
     wait_for(lambda: not children())
 
 
@@ -219,35 +191,29 @@ def test_the_environment_of_workers_names_no_other_key_and_no_database(
 
 
 def test_workers_come_with_the_work_and_leave_when_the_hub_has_sent_them_home(
-    stand_in, launchers
+    stand_in, launchers, clock, table
 ) -> None:
-    clock, table = Clock(), Table()
     launcher = launchers(Span(0, 2, 10.0), clock)
     launcher.start(HUB)
 
-    def pass_by(seconds: float) -> None:
-        for _ in range(int(4 * seconds)):
-            clock.now_s += 0.25
-            launcher.poll(table)
-
     table.demand = WorkerDemand(Work(100, 100.0))
-    pass_by(3.0)
+    clock.pass_by(3.0, launcher, table)
     wait_for(lambda: len(list_lives(stand_in)) == 2)
     here = frozenset(list_lives(stand_in))
     table.demand = WorkerDemand(Work(), present=here, idle=here)
-    pass_by(11.0)
+    clock.pass_by(11.0, launcher, table)
     assert table.leaving == here
     assert len(children()) == 2  # the hub sends them home, no signal does
     for one in children():
         one.send_signal(signal.SIGTERM)
     wait_for(lambda: not children())
-    pass_by(1.0)
+    clock.pass_by(1.0, launcher, table)
     assert table.leaving == frozenset()
     assert children() == []
 
 
-def test_work_for_which_no_worker_may_be_started_is_told_once(launchers) -> None:
-    launcher, table = launchers(Span(0, 0)), Table()
+def test_work_for_which_no_worker_may_be_started_is_told_once(launchers, table) -> None:
+    launcher = launchers(Span(0, 0))
     launcher.start(HUB)
     assert not launcher.poll(table)
     table.demand = WorkerDemand(Work(7, 1.0))
@@ -257,13 +223,12 @@ def test_work_for_which_no_worker_may_be_started_is_told_once(launchers) -> None
 
 
 def test_no_room_for_a_process_is_an_error_at_the_start_and_waited_for_later(
-    launchers, monkeypatch
+    launchers, clock, table, monkeypatch
 ) -> None:
     def refuse(*_, **__) -> None:
         raise OSError(11, os.strerror(11))
 
     monkeypatch.setattr(process_launcher.subprocess, "Popen", refuse)
-    clock, table = Clock(), Table()
     launcher = launchers(Span(1, 1), clock)
     with pytest.raises(ClusterUnavailable, match=r"A worker cannot be started.*--workers"):
         launcher.start(HUB)

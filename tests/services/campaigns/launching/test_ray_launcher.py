@@ -43,19 +43,6 @@ class PlayedLink:
     stop = kill
 
 
-class Table:
-    """A hub with work, or without."""
-
-    def __init__(self) -> None:
-        self.found, self.leaving = WorkerDemand(), frozenset()
-
-    def measure_demand(self) -> WorkerDemand:
-        return self.found
-
-    def drain_workers(self, names) -> None:
-        self.leaving = frozenset(names)
-
-
 @pytest.fixture
 def lives(monkeypatch) -> list[PlayedLink]:
     lives: list[PlayedLink] = []
@@ -65,52 +52,47 @@ def lives(monkeypatch) -> list[PlayedLink]:
     return lives
 
 
-@pytest.fixture
-def now_s() -> list[float]:
-    return [0.0]
-
-
-def started(now_s: list[float], span: Span, cluster: str | None = None) -> RayLauncher:
-    launcher = RayLauncher(span, cluster, clock=lambda: now_s[0])
+def started(clock, span: Span, cluster: str | None = None) -> RayLauncher:
+    launcher = RayLauncher(span, cluster, clock=clock)
     launcher.start("tcp://127.0.0.1:1")
     return launcher
 
 
-def kinds(launcher: RayLauncher, table: Table) -> list[str]:
+def kinds(launcher: RayLauncher, table) -> list[str]:
     return [notice.kind for notice in launcher.poll(table)]
 
 
-def test_a_ray_that_is_lost_is_replaced_after_ever_longer_pauses(lives, now_s) -> None:
-    launcher, table, pauses = started(now_s, Span(2, 2)), Table(), []
+def test_a_ray_that_is_lost_is_replaced_after_ever_longer_pauses(lives, clock, table) -> None:
+    launcher, pauses = started(clock, Span(2, 2)), []
     for _ in range(8):
         lives[-1].problem = STATUS
         assert kinds(launcher, table) == ["ray.lost"]
-        lost_s = now_s[0]
+        lost_s = clock.now_s
         while lives[-1].problem != "":
-            now_s[0] += 0.25
+            clock.now_s += 0.25
             assert kinds(launcher, table) == []
-        pauses.append(now_s[0] - lost_s)
+        pauses.append(clock.now_s - lost_s)
         assert kinds(launcher, table) == ["ray.back"]
     assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0]
     assert all(life.killed for life in lives[:-1])
     assert {life.names for life in lives} == {lives[0].names}
     assert len(lives[0].names) == 2
 
-    now_s[0] += LONGEST_PAUSE_S
+    clock.now_s += LONGEST_PAUSE_S
     lives[-1].problem = STATUS
     kinds(launcher, table)
-    now_s[0] += 1.0
+    clock.now_s += 1.0
     kinds(launcher, table)
     assert lives[-1].problem == ""
 
 
-def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
-    launcher, table = started(now_s, Span(1, 1), "head:6379"), Table()
+def test_a_cluster_that_stays_away_is_said_once(lives, clock, table) -> None:
+    launcher = started(clock, Span(1, 1), "head:6379")
     said = []
     for _ in range(400):
         if len(lives) < 5:
             lives[-1].words = deque([ClusterLost("Ray cannot be used: nobody listens.")])
-        now_s[0] += 0.25
+        clock.now_s += 0.25
         said += launcher.poll(table)
     assert [notice.kind for notice in said] == ["ray.lost", "ray.back"]
     assert said[0].message == (
@@ -120,59 +102,56 @@ def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
     assert len(lives) == 5
 
 
-def test_a_cluster_that_is_not_there_at_the_start_is_refused(monkeypatch, lives, now_s) -> None:
+def test_a_cluster_that_is_not_there_at_the_start_is_refused(monkeypatch, lives, clock) -> None:
     monkeypatch.setattr(
         ray_launcher.ray_link.RayLink, "hear", lambda _: iter([ClusterLost("Nobody.", "Start it.")])
     )
     with pytest.raises(ClusterUnavailable, match=r"Nobody\. Start it\."):
-        started(now_s, Span(1, 1))
+        started(clock, Span(1, 1))
 
 
-def test_whoever_gives_up_waiting_for_ray_leaves_nothing_behind(monkeypatch, lives, now_s) -> None:
+def test_whoever_gives_up_waiting_for_ray_leaves_nothing_behind(monkeypatch, lives, clock) -> None:
     monkeypatch.setattr(ray_launcher.ray_link.RayLink, "hear", lambda _: iter(()))
     looks = iter([False, False, True])
-    launcher = RayLauncher(Span(1, 1), clock=lambda: now_s[0])
+    launcher = RayLauncher(Span(1, 1), clock=clock)
     launcher.start("tcp://127.0.0.1:1", given_up=lambda: next(looks))
     assert [life.killed for life in lives] == [True]
     launcher.stop()
 
 
-def test_no_room_for_the_process_of_ray_is_said_with_what_to_do(monkeypatch, now_s) -> None:
+def test_no_room_for_the_process_of_ray_is_said_with_what_to_do(monkeypatch, clock) -> None:
     def full(_begin: StartRay) -> None:
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
 
     monkeypatch.setattr(ray_launcher.ray_link, "RayLink", full)
     with pytest.raises(ClusterUnavailable, match="cannot be started: Resource temporarily") as told:
-        started(now_s, Span(1, 1))
+        started(clock, Span(1, 1))
     assert "ulimit -u" in told.value.remedy
 
 
-def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(lives, now_s) -> None:
-    launcher, table = started(now_s, Span(0, 2, 10.0)), Table()
+def test_who_is_struck_out_is_to_leave_the_hub_until_ray_has_it_no_more(
+    lives, clock, table
+) -> None:
+    launcher = started(clock, Span(0, 2, 10.0))
 
-    def pass_by(seconds: float) -> None:
-        for _ in range(int(4 * seconds)):
-            now_s[0] += 0.25
-            launcher.poll(table)
-
-    table.found = WorkerDemand(Work(100, 100.0))
-    pass_by(3.0)
+    table.demand = WorkerDemand(Work(100, 100.0))
+    clock.pass_by(3.0, launcher, table)
     names = lives[0].names
     assert len(names) == 2
     lives[0].words.append(ClusterStatus(machines=1, placed=names))
     here = frozenset(names)
-    table.found = WorkerDemand(Work(), present=here, idle=here)
-    pass_by(11.0)
+    table.demand = WorkerDemand(Work(), present=here, idle=here)
+    clock.pass_by(11.0, launcher, table)
     assert (lives[0].names, table.leaving) == ((), here)
     lives[0].words.append(ClusterStatus(machines=1, placed=names[:1]))
-    pass_by(0.5)
+    clock.pass_by(0.5, launcher, table)
     assert table.leaving == {names[0]}
 
 
-def test_work_that_no_worker_may_be_asked_for_is_said_once(lives, now_s) -> None:
-    launcher, table = started(now_s, Span(0, 0)), Table()
+def test_work_that_no_worker_may_be_asked_for_is_said_once(lives, clock, table) -> None:
+    launcher = started(clock, Span(0, 0))
     assert launcher.poll(table) == ()
-    table.found = WorkerDemand(Work(7, 1.0))
+    table.demand = WorkerDemand(Work(7, 1.0))
     (notice,) = launcher.poll(table)
     assert notice.message.startswith("Episodes wait, and no worker may be started")
     assert launcher.poll(table) == ()

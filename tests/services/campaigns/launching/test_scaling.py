@@ -133,11 +133,6 @@ def test_a_learner_that_trains_between_rounds_costs_no_worker() -> None:
     assert after(scale, 400.0, 440.0, need=0) == SPAN.least
 
 
-def test_the_same_number_twice_is_that_number() -> None:
-    scale = WorkerScale(Span(3, 3))
-    assert {after(scale, at, at + 50.0, need) for at, need in ((0.0, 0), (51.0, 9))} == {3}
-
-
 names = st.lists(st.text("abcdef", min_size=1, max_size=2), unique=True)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from eigenfail.functions import of_batch
 
 NORMAL = NormalDist()
+SMALL_AST = {"hidden": (32, 32), "batch_size": 32, "warm_up": 30, "gradient_steps": 5}
 
 
 def tail(beta):

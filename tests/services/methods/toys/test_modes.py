@@ -2,26 +2,18 @@
 
 import numpy as np
 import pytest
-from problems import PointMassCorridor, TwoModes
+from odd_problems import run_search
+from problems import SMALL_AST, PointMassCorridor, TwoModes
 
-SMALL_AST = {
-    "hidden": (32, 32),
-    "batch_size": 32,
-    "warm_up": 30,
-    "gradient_steps": 5,
-}
 ON_CORNERS = {
     "ast": (200, {**SMALL_AST, "hold": 1, "amplitude": 4.0}),
-    "cma": (400, {}),
     "cem": (400, {"max_mean": 4.0}),
-    "subset": (4000, {}),
 }
 IN_CORRIDOR = {
     "ast": (100, {**SMALL_AST, "hold": 4}),
     "cma": (400, {"hold": 4}),
     "cem": (400, {}),
     "difs": (300, {"first_steps": 100, "steps": 40, "width": 32}),
-    "subset": (2000, {}),
 }
 
 
@@ -35,19 +27,19 @@ def sides(results):
 
 
 @pytest.mark.parametrize("method", ON_CORNERS)
-def test_it_fails_thousands_of_times_as_often_as_the_prior(method, search):
+def test_it_fails_thousands_of_times_as_often_as_the_prior(method):
     problem = TwoModes()
     assert problem.probability == pytest.approx(3.65e-6, rel=0.01)
     episodes, settings = ON_CORNERS[method]
-    _, results = search(problem, method, episodes, **settings)
+    _, results = run_search(problem, method, episodes, **settings)
     assert failure_rate(results) >= 3000 * problem.probability
 
 
-def test_subset_sees_both_corners_and_tells_their_probability(search):
+def test_subset_sees_both_corners_and_tells_their_probability():
     problem = TwoModes()
     held = 0
     for seed in range(3040, 3044):
-        learner, results = search(problem, "subset", 12_000, seed)
+        learner, results = run_search(problem, "subset", 12_000, seed)
         found = learner.estimate().interval
         held += found is not None and found.low < problem.probability < found.high
         assert 0.1 < sides(results) < 0.9
@@ -55,17 +47,17 @@ def test_subset_sees_both_corners_and_tells_their_probability(search):
     assert held >= 3
 
 
-def test_difs_sees_both_corners(search):
+def test_difs_sees_both_corners():
     """Of the seeds 3060 to 3079 it does so from 16: from the others one corner falls behind."""
-    _, results = search(TwoModes(), "difs", 300, 3032, first_steps=100, steps=40)
+    _, results = run_search(TwoModes(), "difs", 300, 3032, first_steps=100, steps=40)
     assert failure_rate(results) >= 30_000 * TwoModes.probability
     assert 0.2 < sides(results) < 0.8
 
 
-def test_the_runs_of_cma_reach_both_corners_and_get_near_the_likeliest_failures(search):
+def test_the_runs_of_cma_reach_both_corners_and_get_near_the_likeliest_failures():
     both = 0
     for seed in range(3040, 3044):
-        _, results = search(TwoModes(), "cma", 1000, seed)
+        _, results = run_search(TwoModes(), "cma", 1000, seed)
         assert failure_rate(results) >= 0.3
         both += 0.05 < sides(results) < 0.95
         found = np.array([one.noise.z[0] for one in results if one.is_failure])
@@ -82,17 +74,18 @@ def test_the_corridor_is_as_rare_as_its_bounds_say():
 
 
 @pytest.mark.parametrize("method", IN_CORRIDOR)
-def test_every_method_drives_a_point_mass_into_a_wall(method, search):
+def test_every_method_drives_a_point_mass_into_a_wall(method):
     problem = PointMassCorridor()
     assert problem.at_most < 1e-3
     episodes, settings = IN_CORRIDOR[method]
-    _, results = search(problem, method, episodes, **settings)
+    _, results = run_search(problem, method, episodes, **settings)
     assert failure_rate(results) >= 30 * problem.at_most
 
 
-def test_subset_tells_a_probability_between_the_corridors_bounds(search):
+def test_subset_tells_a_probability_between_the_corridors_bounds():
     problem = PointMassCorridor()
-    learner, _ = search(problem, "subset", 4000)
+    learner, results = run_search(problem, "subset", 4000)
+    assert failure_rate(results) >= 30 * problem.at_most
     found = learner.estimate()
     assert found.interval.high > problem.at_least
     assert found.interval.low < problem.at_most
