@@ -40,7 +40,7 @@ from benchmarks.truth import (
 from benchmarks.truth.curves import Curve
 from benchmarks.truth.foreign import found_in_others
 from benchmarks.truth.known_answers import clouds, corners, planted
-from benchmarks.truth.learning import ast, cem, difs, likely_ast, merge
+from benchmarks.truth.learning import ast, cem, difs, likely_ast, merge, merge_by_default
 from benchmarks.truth.mode_reference import confirmed, plain_monte_carlo
 from benchmarks.truth.monte_carlo import calm, frail
 from benchmarks.truth.noise_models import PLANNERS, noise_models
@@ -108,7 +108,15 @@ TRIALS = [
     Trial(("subset_busy_",), subset_parallel.find_busy),
     Trial(("subset_parallel_",), subset_parallel.find_estimates),
     Trial(("ast.transfer",), transfer.over_a_distribution),
-    Trial(("ast.one_scenario.",), transfer.from_one_scenario),
+    Trial(
+        ("ast.one_scenario.",),
+        partial(transfer.from_one_scenario, "ast.one_scenario", {}),
+    ),
+    Trial(
+        ("ast.wide.",),
+        partial(transfer.from_one_scenario, "ast.wide", transfer.WIDE),
+    ),
+    Trial(("ast.merge_in_worst",), merge_by_default),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),

@@ -8,6 +8,7 @@ from functools import cache, partial
 from statistics import median
 from typing import Any
 
+import msgspec
 from benchmarks.episode_pool import EpisodePool, make_setup
 from benchmarks.figures import Figure
 from benchmarks.learning_figures import (
@@ -20,6 +21,7 @@ from benchmarks.learning_figures import (
     log_p_per_step,
     log_p_ratio,
     middle,
+    of_seeds,
     over_heuristics,
     rate_gained,
     severity,
@@ -170,6 +172,27 @@ def merge(method: str, pool: EpisodePool, seed: int, **settings: Any) -> Figures
             command=COMMAND,
         ),
     )
+
+
+UNSEEN, MERGES = 40_000, 5
+"""Of the seeds in `merge_in`: the first one less the seed of the claims, and how many there are.
+None of them was looked at while the rule of restarts was chosen."""
+
+
+def merge_by_default(pool: EpisodePool, seed: int) -> Figures:
+    """AST as it is by default where a truck merges: the least share of failures of the seeds."""
+    seeds = range(seed + UNSEEN, seed + UNSEEN + MERGES)
+    runs = side_by_side(
+        pool,
+        [
+            CampaignSpec(name="ast", method="ast", episodes=TRAINED, seed=one, scenario="merge_in")
+            for one in seeds
+        ],
+    )
+    shares = [failure_rate(run) for run in runs]
+    worst = of_seeds(shares, "share", TRAINED)
+    note = f"worst of the seeds {seeds[0]} to {seeds[-1]}; {each(shares)}"
+    yield "ast.merge_in_worst", msgspec.structs.replace(worst, value=min(shares), note=note)
 
 
 def rates(place: str, runs: Sequence[Found]) -> Figures:

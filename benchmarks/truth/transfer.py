@@ -1,9 +1,9 @@
 """Figures: whether a policy of AST fails the planner elsewhere, from ten seeds: worst and median.
 
 One policy is the best of those that `examples/transfer.toml` trains over a distribution of the
-scenario, the other is trained at its defaults, with the default settings. Both are then used
-without learning, over `JUDGED` and at `PLACES`, where the initial gap is always the scenario's
-default.
+scenario. Two others are trained at its defaults: one with the default settings, one with `WIDE`.
+All are then used without learning, over `JUDGED` and at `PLACES`, where the initial gap is always
+the scenario's default.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -92,13 +92,21 @@ def over_a_distribution(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Fig
     yield from summarize("ast.transfer", found)
 
 
-def from_one_scenario(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
-    """The policy of the default settings, trained at the scenario's defaults."""
-    spec = CampaignSpec(name="ast", method="ast", episodes=1000, scenario="cut_in")
+WIDE: Mapping[str, Any] = MappingProxyType({"amplitude": 3.0, "converged_share": None})
+"""Settings that see more failures by chance, and go on learning when all episodes fail."""
+
+
+def from_one_scenario(
+    prefix: str, settings: Mapping[str, Any], pool: EpisodePool, seed: int
+) -> Iterator[tuple[str, Figure]]:
+    """A policy with these settings, trained at the scenario's defaults."""
+    spec = CampaignSpec(
+        name="ast", method="ast", episodes=1000, scenario="cut_in", settings=dict(settings)
+    )
     found = list_transfers(pool, spec, list_seeds(seed))
     worst = [one.shares[one.find_worst()].value for one in found]
-    yield "ast.one_scenario.worst_place", of_seeds(worst, "share", EPISODES)
-    yield from summarize("ast.one_scenario", found)
+    yield f"{prefix}.worst_place", of_seeds(worst, "share", EPISODES)
+    yield from summarize(prefix, found)
 
 
 def list_seeds(seed: int) -> range:

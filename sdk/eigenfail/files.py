@@ -547,7 +547,8 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
         given = f"its columns are {', '.join(names)}" if names else "it has none"
         if names and all(_read_cell(name) is not None for name in names):
             given = f"its first line has numbers, and not names of columns: {', '.join(names)}"
-        near = _suggest_column(missing[0], [name for name in names if not _is_known(name, known)])
+        others = [name for name in names if _simplify_name(name) not in known]
+        near = _suggest_column(missing[0], others)
         lacking = f"columns {', '.join(missing)} are" if missing[1:] else f"column {missing[0]} is"
         problem = f"{lacking} missing; {given}."
         raise InvalidValue(field, problem, f"{near}{columns.like}")
@@ -562,10 +563,6 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
             remedy = f"Rename it to {close} if it has that unit; otherwise convert or remove it."
             raise InvalidValue(field, problem, remedy)
     return {name: places[0] for name, places in found.items() if places}
-
-
-def _is_known(name: str, known: Sequence[str]) -> bool:
-    return _simplify_name(name) in known
 
 
 def _suggest_column(missing: str, others: Sequence[str]) -> str:

@@ -72,8 +72,8 @@ def refuse_unlisted_module(module: str, field: str) -> None:
     if not functions.is_listed(module):
         variable = functions.ALLOWED_VARIABLE
         remedy = (
-            f"Start the service with `eigenfail up --functions {module}`, or the command with "
-            f"{variable}={module} before it."
+            f"Start the service with `eigenfail up --functions {module}`, after stopping one that "
+            f"runs. Without a service, begin the command with {variable}={module}."
         )
         problem = f"'{module}' is not in the list of modules that may be imported here."
         raise InvalidValue(field, problem, remedy)

@@ -109,7 +109,7 @@ def _(value: FailureMode) -> Blocks:
     steps, channels = value.eigenfailure.shape
     size = f"{figures.count_noun(steps, 'step')}, {figures.count_noun(channels, 'channel')}"
     # A mode whose failures have no noise has no peak to name.
-    peaks = map(format_peak, value.eigenfailure.T) if steps else ()
+    peaks = map(format_peak, value.typical.T) if steps else ()
     facts = [("number", str(value.number))] if value.number else []
     facts += [
         ("failures", figures.format_count(value.failures)),

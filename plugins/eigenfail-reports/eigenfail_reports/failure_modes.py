@@ -195,7 +195,7 @@ def measure_strength(mode: FailureMode) -> float:
 
 def list_peak_cells(mode: FailureMode) -> list[tuple[float, int]]:
     """Return the largest disturbance of each channel, and its step."""
-    z = mode.eigenfailure
+    z = mode.typical
     steps = np.argmax(np.abs(z), axis=0).tolist()
     return [(float(z[step, way]), step) for way, step in enumerate(steps)]
 
@@ -341,7 +341,7 @@ def list_eigenfailures_steps(
 def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPicture:
     """The eigenfailures of a campaign, in words."""
     sentences = (
-        f"mode {number}: {describe_peak(found, mode.eigenfailure)}"
+        f"mode {number}: {describe_peak(found, mode.typical)}"
         for number, mode in enumerate(found.result.modes[:MOST_MODES], start=1)
     )
     of = sum(each.of for each in bands)

@@ -124,8 +124,8 @@ def describe_report(report: GateReport) -> Iterator[tables.Block]:
 def _point_to_releases(report: GateReport) -> Iterator[str]:
     """Yield what to type to see what became of each failure mode over all versions."""
     reruns = (member.rerun for member in report.members if member.rerun)
-    searches = (rerun for rerun in reruns if traits_of(rerun.method).finds_new)
-    commands = ", ".join(f"eigenfail release show {each.now.campaign}" for each in searches)
+    found = [each for each in reruns if each.now.failures and traits_of(each.method).finds_new]
+    commands = ", ".join(f"eigenfail release show {each.now.campaign}" for each in found)
     if commands:
         yield f"Failure modes over all versions: analyse the new campaigns, then: {commands}"
 

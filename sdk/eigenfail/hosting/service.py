@@ -208,16 +208,14 @@ def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[s
     controller = ("--host", HOST, "--port", str(port))
     span = plan.span or make_span(plan.workers or None, None, None, None)
     services = (*span.options(), "--launcher", plan.launcher.value)
-    hub = ("--hub", f"tcp://{HOST}:{hub_port}", *_list_key_options(DataFolder(plan.data)))
+    keys = DataFolder(plan.data).hub_keys
+    # The hub requires keys if its folder has some.
+    locked = ("--hub-keys", str(keys)) if keys.exists() else ()
+    hub = ("--hub", f"tcp://{HOST}:{hub_port}", *locked)
     return {
         "controller": [*python, "eigenfail_api", "--database", database, *controller],
         "services": [*python, "eigenfail_services", "--database", database, *services, *hub],
     }
-
-
-def _list_key_options(folder: DataFolder) -> tuple[str, ...]:
-    """Return the options that make the hub require keys, if its folder has keys."""
-    return ("--hub-keys", str(folder.hub_keys)) if folder.hub_keys.exists() else ()
 
 
 def require_installed() -> None:

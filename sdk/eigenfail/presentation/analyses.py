@@ -111,13 +111,13 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> tables.Table:
 
 def _list_strongest(mode: FailureMode, channels: Sequence[str]) -> Iterator[tables.Cell]:
     # By energy, not by peak: a single spike does not make a channel the strongest.
-    strongest = int(np.argmax(np.square(mode.eigenfailure).sum(axis=0)))
+    strongest = int(np.argmax(np.square(mode.typical).sum(axis=0)))
     yield channels[strongest]
-    yield format_peak(mode.eigenfailure[:, strongest])
+    yield format_peak(mode.typical[:, strongest])
 
 
 def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[tables.Cell]:
-    noises = mode.eigenfailure.T
+    noises = mode.typical.T
     yield from (
         tables.FormattedCell(figures.format_signed(float(noise.mean()))) for noise in noises
     )

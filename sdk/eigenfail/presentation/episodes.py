@@ -251,10 +251,6 @@ def _read_account(name: str) -> ReadStep:
     return read
 
 
-def _format_disturbance(step: ExplainedStep) -> str:
-    return " ".join(figures.format_signed(float(value)) for value in step.disturbance)
-
-
 WORDS: dict[str, ReadStep] = {
     "Mode": _read_account("mode"),
     "Candidate": _read_account("candidate"),
@@ -271,7 +267,7 @@ READINGS: dict[str, ReadStep] = {
     "Truly closing": lambda step: step.closing_mps,
     "Tracks": _read_account("tracks"),
     "Lost": _read_account("lost_tracks"),
-    "Noise": _format_disturbance,
+    "Noise": lambda step: " ".join(map(figures.format_signed, step.disturbance)),
     "Acceleration": lambda step: step.acceleration_mps2,
     "Steering": lambda step: step.steering_rad,
 }

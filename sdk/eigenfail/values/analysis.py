@@ -289,6 +289,7 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
         number: its number in the analysis, from 1, as pages and commands have it; 0 of a mode that
             belongs to no result.
         drawn: scenario parameters that its medoid drew, by name; none where none vary.
+        lasting: number of steps that at least half of its failures lasted; 0 if it is not known.
     """
 
     failures: int
@@ -302,6 +303,15 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     explained: Floats | None = None
     number: int = 0
     drawn: Mapping[str, Any] = {}
+    lasting: int = 0
+
+    @property
+    def typical(self) -> Floats:
+        """The steps of the eigenfailure that at least half of the failures reach. [sigma]
+
+        Steps behind them are those of a few failures that lasted longer.
+        """
+        return self.eigenfailure[: self.lasting or None]
 
 
 LONGEST_MODE_NAME = 80

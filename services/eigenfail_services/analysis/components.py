@@ -192,6 +192,7 @@ def _describe_mode(
         eigenfailure=eigenfailure.astype(np.float32),
         medoid_campaign=int(failures.campaigns[nearest]),
         band=np.stack([low, high]).astype(np.float32),
+        lasting=int(np.median(failures.steps[members])),
     )
     if spaces.features is spaces.noise:
         return mode

@@ -153,7 +153,7 @@ def hash_result(result: AnalysisResult) -> str:
     without them an analysis has the digest that it had before there were any. The names of the
     channels are those of the campaign. The behaviour of modes follows from labels and episodes.
     What an analysis of the noise does not have is left out of its digest. The number of a mode is
-    its place. What its medoid drew follows from the seed of that episode.
+    its place. What its medoid drew, and how long its failures lasted, follow from the episodes.
     """
     numbers = msgspec.to_builtins(
         replace(result, words=(), digest=""), enc_hook=encode_array, builtin_types=(bytes,)
@@ -161,7 +161,7 @@ def hash_result(result: AnalysisResult) -> str:
     for name in ("channels", "behaviour"):
         del numbers[name]
     for mode in numbers["modes"]:
-        del mode["band"], mode["number"], mode["drawn"]
+        del mode["band"], mode["number"], mode["drawn"], mode["lasting"]
     if result.features == "noise":
         del numbers["features"]
         for mode in numbers["modes"]:
