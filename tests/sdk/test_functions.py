@@ -225,7 +225,7 @@ def test_modules_of_packages_are_read_without_running_the_packages(tmp_path, mon
         functions.require_module("sut_package:robustness")
 
 
-@pytest.mark.parametrize("place", ["sut_nowhere:f", "sys:f", "__main__:f", "json.none.deep:f"])
+@pytest.mark.parametrize("place", ["sut_nowhere:f", "sys:f", "json.none.deep:f"])
 def test_a_module_without_a_source_here_is_left_to_the_workers(place):
     functions.refuse_undefined(place)
 
