@@ -247,7 +247,7 @@ def make_mode_cards(
             words=figures.put_minus_signs(words.removeprefix(f"Mode {place + 1}: ")),
             medoid_campaign=mode.medoid_campaign or campaign,
             clip=f"/campaigns/{mode.medoid_campaign or campaign}/episodes/{mode.medoid}/clip",
-            strength=float(np.sqrt(np.mean(np.square(mode.eigenfailure)))),
+            strength=float(np.sqrt(np.mean(np.square(mode.typical)))),
             proof=make_proof_tiles(proven[place], unit) if place in proven else (),
         )
         for place, (mode, words) in enumerate(described)

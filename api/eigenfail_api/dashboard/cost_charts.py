@@ -65,7 +65,7 @@ def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
             "USD per failure, log scale. Campaigns that draw noise from p(x) have the 95 % "
             "interval that their failure rate gives; a search has none, since another seed may "
             "cost another amount. An arrow is the lower bound of a campaign without failures. "
-            "Campaigns that repeat what others found, such as replays, are left out."
+            "Replays, shrunk failures and evaluated policies find nothing new and are left out."
         ),
         data={
             "campaigns": [

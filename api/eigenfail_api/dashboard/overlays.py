@@ -198,7 +198,10 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
-    """Return the chart of the distribution of robustness; that of a function has no unit."""
+    """Return the chart of the distribution of robustness.
+
+    Robustness of functions and of requirements has no unit.
+    """
     units = {find_robustness_unit(one.campaign.spec) for one in compared}
     # Functions and requirements have no metres: beside distances the unit holds for these alone.
     unit = " [m]" if units == {"m"} else " [m for distances]" if "m" in units else ""

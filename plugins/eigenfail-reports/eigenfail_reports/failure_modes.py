@@ -65,7 +65,8 @@ HOW_TO_READ = (
     "Failures are grouped by the behaviour of the ego before the collision, or by their noise, "
     "as the analysis says. The data are brought to a few principal components; clusters there are "
     "the failure modes. The centre of the noise of a cluster is its eigenfailure; the medoid is "
-    "the real failure in the middle of the cluster. Peaks are those of the eigenfailure"
+    "the real failure in the middle of the cluster. Peaks are those of the "
+    "eigenfailure within the steps that half of the failures reach"
 )
 
 
@@ -190,7 +191,7 @@ def list_description_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
 
 def measure_strength(mode: FailureMode) -> float:
     """Return the root mean square of the eigenfailure; noise of p(x) has 1. [sigma]"""
-    return float(np.sqrt(np.mean(np.square(mode.eigenfailure.astype(np.float64)))))
+    return float(np.sqrt(np.mean(np.square(mode.typical.astype(np.float64)))))
 
 
 def list_peak_cells(mode: FailureMode) -> list[tuple[float, int]]:

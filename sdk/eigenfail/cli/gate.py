@@ -124,10 +124,12 @@ def describe_report(report: GateReport) -> Iterator[tables.Block]:
 def _point_to_releases(report: GateReport) -> Iterator[str]:
     """Yield what to type to see what became of each failure mode over all versions."""
     reruns = (member.rerun for member in report.members if member.rerun)
-    found = [each for each in reruns if each.now.failures and traits_of(each.method).finds_new]
+    found = [rerun for rerun in reruns if traits_of(rerun.method).finds_new]
     commands = ", ".join(f"eigenfail release show {each.now.campaign}" for each in found)
+    # Without a failure there is nothing to analyse.
+    first = "analyse the new campaigns, then: " if any(each.now.failures for each in found) else ""
     if commands:
-        yield f"Failure modes over all versions: analyse the new campaigns, then: {commands}"
+        yield f"Failure modes over all versions: {first}{commands}"
 
 
 def _tabulate_known(report: GateReport) -> tables.Table:
@@ -233,8 +235,8 @@ Baseline = Annotated[
     str | None,
     typer.Option(
         metavar="RUN",
-        help="Baseline: a version that was gated, a suite or its file that was run,"
-        " or campaigns such as 1,2,3. Without it, this run becomes one.",
+        help="Baseline: a version that was gated, which is looked up first, a suite or its file"
+        " that was run, or campaigns such as 1,2,3. Without it, this run becomes one.",
     ),
 ]
 PlannerVersion = Annotated[

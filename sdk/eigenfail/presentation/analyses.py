@@ -335,7 +335,7 @@ def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[t
     Args:
         proof: results of the replays so far.
         noun: what the analysis calls its clusters, see `AnalysisResult.cluster_noun`.
-        unit: unit of robustness and noise; empty for a function.
+        unit: unit of robustness; empty for a function or requirements.
     """
     replays = tabulate_replays(proof, noun, unit)
     return (replays, *count_reproductions(proof, noun, unit))

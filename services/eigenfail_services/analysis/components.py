@@ -16,7 +16,7 @@ from sklearn.decomposition import PCA
 
 from eigenfail.values.analysis import Centre, FailureMode
 from eigenfail.values.arrays import Floats
-from eigenfail_services.analysis.alignment import BLOCK, Aligned
+from eigenfail_services.analysis.alignment import BLOCK, Aligned, median_steps
 
 Array = NDArray[np.float64]
 Data = Array | Floats
@@ -192,7 +192,8 @@ def _describe_mode(
         eigenfailure=eigenfailure.astype(np.float32),
         medoid_campaign=int(failures.campaigns[nearest]),
         band=np.stack([low, high]).astype(np.float32),
-        lasting=int(np.median(failures.steps[members])),
+        # At least 1: an eigenfailure of no step would have no peak to name.
+        lasting=max(1, median_steps(failures.steps[members].tolist())),
     )
     if spaces.features is spaces.noise:
         return mode

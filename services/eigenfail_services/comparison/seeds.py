@@ -22,6 +22,7 @@ from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.summary import summaries_of
 from eigenfail_services.comparison.comparability import (
+    THINGS,
     Group,
     group_alike,
     list_differing,
@@ -30,7 +31,6 @@ from eigenfail_services.comparison.comparability import (
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
 from eigenfail_services.store.store import Store
 
-SEED: KeyPath = ("seed",)
 DEFAULTS = "defaults"
 """Name of a group that has none of the settings in which others differ."""
 
@@ -91,7 +91,8 @@ def make_spreads(
     summary_of = {summary.campaign: summary for summary in summaries}
     groups = group_alike(campaigns)
     paths = list_differing([campaign.spec for campaign in campaigns]) if len(groups) > 1 else []
-    names = shorten_paths(path for path in paths if path != SEED)
+    # Labels do not part groups, so that they name none.
+    names = shorten_paths(path for path in paths if path[0] in THINGS)
     found = (
         _make_spread(group, summary_of, names)
         for group in groups

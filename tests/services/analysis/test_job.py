@@ -12,6 +12,7 @@ from sklearn.metrics import adjusted_rand_score
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.presentation.analyses import tabulate_modes
 from eigenfail.values.analysis import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import clusters, job
@@ -196,6 +197,23 @@ def test_aligned_at_the_collision_the_eigenfailure_strikes_when_failures_did(
     expected = np.zeros((HORIZON, 2))
     expected[54:64, 0] = 3.0
     assert mode.eigenfailure == pytest.approx(expected, abs=1e-6)
+    # The middle lengths differ: the last steps before the collision are typical all the same.
+    assert mode.lasting == len(mode.typical) == 64
+
+
+def test_what_one_long_failure_does_alone_is_not_typical(
+    failures_of: Callable[..., Failures],
+) -> None:
+    noise = [np.full((steps, 2), 0.5) for steps in (30, 30, 90)]
+    noise[-1][80:] = 4.0
+    asked = AnalysisSettings(clusters=1, bootstrap=0)
+    result = analyse(failures_of(noise), HORIZON, asked)
+    (mode,) = result.modes
+    assert mode.eigenfailure.max() == pytest.approx(4.0)
+    assert mode.lasting == 30
+    assert mode.typical.max() == pytest.approx(0.5)
+    (row,) = tabulate_modes(1, result).cells
+    assert [cell.value for cell in row[3:7]] == ["+0.500", "+0.500", *["+0.500 at step 0"] * 2]
 
 
 @pytest.mark.parametrize("align", ["start", "collision"])

@@ -21,7 +21,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import Channel
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.proof import ExplainedEpisode, ExplainedStep, NearestFailure
-from eigenfail.worlds import list_channels
+from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.campaigns import explanations as words_module
 from eigenfail_services.campaigns import minimal_failures
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
@@ -342,7 +342,9 @@ def test_each_draw_is_told_by_name(varied) -> None:
     for scenario in told.scenarios:
         for replay in scenario.replays:
             mode = varied.analysis.result.modes[replay.mode]
-            assert scenario.drawn == mode.drawn
+            medoid = varied.store.episodes.get(varied.campaign, mode.medoid)
+            spec = varied.store.campaigns.get(varied.campaign).spec
+            assert scenario.drawn == mode.drawn == drawn_for(spec, medoid.seed)
         (distance_m,) = scenario.drawn.values()
         told_as = "the same" if scenario.is_same else "lane_change_s = 3.1"
         assert scenario.words == f"{told_as} (drawn: distance_m = {distance_m:g})"

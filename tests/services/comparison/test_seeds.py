@@ -82,6 +82,16 @@ def test_groups_are_those_of_a_comparison(store: Store) -> None:
     assert [spread.name for spread in found] == ["distance_m=53", "distance_m=60"]
 
 
+def test_labels_name_no_group(store: Store) -> None:
+    made = [
+        search(store, seed, "x", episodes=1, method=method, tags=(f"{method}-{seed}",))
+        for method in ("monte_carlo", "cem")
+        for seed in (1, 2)
+    ]
+    found = find_spreads(store, ids(made))
+    assert [spread.name for spread in found] == ["method=monte_carlo", "method=cem"]
+
+
 def test_a_default_that_is_written_down_and_labels_make_no_difference(store: Store) -> None:
     made = [
         search(store, 1, "x", episodes=1, method="monte_carlo"),

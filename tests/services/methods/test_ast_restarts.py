@@ -64,12 +64,17 @@ RULE = RestartRule(patience=200, amplitude=2.0, largest_amplitude=4.0, episodes=
 def test_an_attempt_is_given_up_after_its_patience_if_as_much_is_left(
     first, observed, recent, stuck
 ):
-    assert RULE.is_stuck(Attempt(1, first), observed, recent) is stuck
+    assert RULE.is_stuck(Attempt(1, first), observed, observed, recent) is stuck
+
+
+def test_episodes_that_are_proposed_already_are_not_left_to_the_next_attempt():
+    assert RULE.is_stuck(Attempt(), 200, 800, BARREN)
+    assert not RULE.is_stuck(Attempt(), 200, 801, BARREN)
 
 
 def test_without_patience_no_attempt_is_given_up():
     rule = RestartRule(None, 2.0, 4.0, 1000)
-    assert not rule.is_stuck(Attempt(), 500, BARREN)
+    assert not rule.is_stuck(Attempt(), 500, 500, BARREN)
 
 
 def test_the_amplitude_grows_by_half_within_its_bound():

@@ -59,7 +59,7 @@ class RestartRule(msgspec.Struct, frozen=True):
     """When an attempt is given up, and what the next one changes.
 
     An attempt that finds next to nothing has too few failures to learn from: within its amplitude,
-    episodes by chance fail too seldom. So the next one has a larger amplitude.
+    episodes by chance fail too seldom. So the next one has a larger amplitude, up to a bound.
 
     Attributes:
         patience: number of episodes after which an attempt may be given up, if as many are left;
@@ -74,17 +74,20 @@ class RestartRule(msgspec.Struct, frozen=True):
     largest_amplitude: float
     episodes: int
 
-    def is_stuck(self, attempt: Attempt, observed: int, recent: tuple[bool, ...]) -> bool:
+    def is_stuck(
+        self, attempt: Attempt, observed: int, proposed: int, recent: tuple[bool, ...]
+    ) -> bool:
         """Whether an attempt is to be given up.
 
         Args:
             attempt: the present one.
             observed: number of observed episodes of the campaign.
+            proposed: number of proposed episodes; the next attempt learns from those behind them.
             recent: whether the last episodes of the attempt failed, at most `WINDOW`.
         """
         if self.patience is None or len(recent) < WINDOW:
             return False
-        tried, left = observed - attempt.first, self.episodes - observed
+        tried, left = observed - attempt.first, self.episodes - proposed
         # With fewer left, another attempt would be given less than the one that is given up.
         is_due = tried >= self.patience <= left
         return is_due and sum(recent) < STUCK_SHARE * WINDOW
@@ -197,7 +200,7 @@ class AdaptiveStressTesting:
 
     When `converged_share` of the last 100 episodes failed, training ends, and the campaign goes on
     with the present policy. When next to none failed after `patience` episodes, training starts
-    anew with other networks and a larger amplitude.
+    anew with other networks and a larger amplitude, up to `largest_amplitude`.
 
     Raises:
         InvalidValue: the campaign of `warm_start` is not available or does not fit.
@@ -374,7 +377,9 @@ class AdaptiveStressTesting:
     def _restart_if_stuck(self) -> None:
         """Start the next attempt where the present one finds next to nothing."""
         facts, rule = self._facts, self._restarts
-        if not facts.converged and rule.is_stuck(facts.attempt, facts.observed, facts.recent):
+        ended, proposed = facts.observed, facts.proposed
+        is_stuck = rule.is_stuck(facts.attempt, ended, proposed, facts.recent)
+        if is_stuck and not facts.converged:
             attempt = rule.start_next(facts.attempt, facts.proposed, facts.kept)
             # A new version: workers know the last one as the policy of the old networks.
             self._facts = structs.replace(

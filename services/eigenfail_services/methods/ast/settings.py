@@ -51,7 +51,6 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
       default is 1, as a training that ends with 100 failures in a row has lost nothing where it was
       trained.
     - `patience`: without restarts a seed may find a few failures where another finds hundreds.
-      On `merge_in`, 5 % of episodes fail by chance at ±2 sigma and 20 % at ±3.
     - `reward`: `dissimilarity` gives failures that differ more, somewhat fewer of them.
 
     The paper's main runs used alpha 5000, c_dist 1000, tau 0.001, learning_rate 3e-4,
