@@ -166,9 +166,9 @@ def test_a_method_that_found_nothing_says_where_its_reach_ends() -> None:
     none = Counts(planned=100, completed=100)
     assert summarise(ended(none, method="ast"), NOTHING).remark == (
         "No failure was found. The method explores disturbances of at most 2 sigma, held for 10 "
-        "steps, and of up to 4 sigma in restarts after every 200 episodes without a failure, where "
-        "as many are left; failures beyond are out of its reach. Raise `amplitude`, or run cem, "
-        "difs or subset."
+        "steps, and of up to 4 sigma in restarts after every 100 episodes with next to no failure, "
+        "where as many are left; failures beyond are out of its reach. Raise `amplitude`, or run "
+        "cem, difs or subset."
     )
     settings = {
         "method": "ast",
