@@ -376,7 +376,8 @@ def launch_replays(
         made_by: id of the key of the request.
 
     Raises:
-        Conflict: the analysis is not done, found no failure mode, or is of several worlds.
+        Conflict: the analysis is not done, found no failure mode, is of several worlds, or does not
+            know what the medoids of its modes drew.
         UnknownName: a parameter that the scenario does not have.
         InvalidValue: a parameter outside its bounds, a distribution, or other channels of noise.
         QuotaExceeded: the key's quota of campaigns is used up; those created before stay.
@@ -390,6 +391,9 @@ def launch_replays(
     _refuse_several_worlds(store, analysis)
     _refuse_distributions(variations or ())
     analysed = store.campaigns.get(analysis.campaign).spec
+    if validation.list_drawn(analysed) and not all(mode.drawn for mode in result.modes):
+        problem = f"Scenario '{analysed.scenario}' was not installed where analysis {analysis.id}"
+        raise Conflict(f"{problem} ran: what its medoids drew is not known.", "Analyse again.")
     wanted = list_neighbours(analysed) if variations is None else variations
     worlds = _list_worlds(store, analysis, result)
     replays = [

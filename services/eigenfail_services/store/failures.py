@@ -161,20 +161,17 @@ def _select_of_campaigns(
     head: Expression = sa.desc(severity.name) if order.descending else sa.asc(severity.name)
     ordered = order.sort(heads.order_by(sa.nulls_last(head)), campaigns.c.id).limit(most)
     chosen = [row.id for row in connection.execute(ordered) if row.severity is not None]
-    parts = [
-        _limit(failing.with_only_columns(*_COLUMNS).where(_c.campaign == campaign), order, most)
-        for campaign in chosen
-    ]
+    asked = failing.with_only_columns(*_COLUMNS)
+    sorted_parts = (
+        order.sort(asked.where(_c.campaign == each), _c.severity, episode_index) for each in chosen
+    )
+    parts = [each.limit(most).subquery() for each in sorted_parts]
     if not parts:
         # A union needs at least one part. This query has the same columns and no rows.
         return sa.select(*_COLUMNS).where(_c.campaign < 0)
     # SQLite accepts an order and a limit in a part of a union only if the part is a subquery.
     merged = sa.union_all(*(sa.select(*part.c) for part in parts)).subquery()
     return sa.select(*merged.c)
-
-
-def _limit(query: sa.Select[Any], order: _Order, most: int) -> sa.Subquery:
-    return order.sort(query, _c.severity, episode_index).limit(most).subquery()
 
 
 def _read_rows(connection: sa.Connection, places: Sequence[_Place]) -> tuple[EpisodeRow, ...]:

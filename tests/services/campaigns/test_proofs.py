@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from hashlib import sha256
 from threading import Event
 
+import msgspec
 import numpy as np
 import pytest
 from accepted import accept_spec
@@ -335,6 +336,16 @@ def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew
         drawn = mode.drawn
         assert spec.scenario_parameters.items() >= drawn.items()
     assert len(varied.store.campaigns.page(100).items) == before + len(searching.searches)
+
+
+def test_an_analysis_that_does_not_know_the_draws_is_not_proved(varied) -> None:
+    result = varied.analysis.result
+    modes = tuple(msgspec.structs.replace(mode, drawn={}) for mode in result.modes)
+    unknown = msgspec.structs.replace(
+        varied.analysis, result=msgspec.structs.replace(result, modes=modes)
+    )
+    with pytest.raises(Conflict, match="what its medoids drew is not known"):
+        launch_replays(varied.store, unknown, None)
 
 
 def test_each_draw_is_told_by_name(varied) -> None:
