@@ -140,8 +140,8 @@ def explain_too_few(sums: WeightedFailures, effective: float, advice: str) -> st
             "episodes, or take method subset."
         )
     return (
-        f"{sums.failures:.0f} failures are worth {effective:.1f} by their weights, and it takes "
-        f"{FEWEST_EFFECTIVE:.0f}: a number would be far too small. {advice}"
+        f"The failures ({sums.failures:.0f}) are worth {effective:.1f} by their weights, and it "
+        f"takes {FEWEST_EFFECTIVE:.0f}: a number would be far too small. {advice}"
     )
 
 

@@ -53,7 +53,7 @@ def test_one_weight_that_outweighs_all_others_is_refused():
     found = WeightedFailures().after(logs, 1000).estimate()
     assert found.effective == pytest.approx(1.0)
     assert found.probability is found.interval is found.cv is None
-    assert "1000 failures are worth 1.0 by their weights, and it takes 100" in found.problem
+    assert "The failures (1000) are worth 1.0 by their weights, and it takes 100" in found.problem
 
 
 def test_a_running_campaign_waits_and_one_that_is_over_needs_smaller_rounds():
