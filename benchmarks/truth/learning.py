@@ -56,7 +56,13 @@ Findings = Iterator[tuple[str, Figure | tuple[Curve, ...]]]
 
 
 def learnt(
-    pool: EpisodePool, seed: int, method: str, scenario: str = "cut_in", **settings: Any
+    pool: EpisodePool,
+    seed: int,
+    method: str,
+    scenario: str = "cut_in",
+    *,
+    seeds: int = SEEDS,
+    **settings: Any,
 ) -> list[Found]:
     """A campaign of training from each seed, with all else as it is by default."""
     return side_by_side(
@@ -70,7 +76,7 @@ def learnt(
                 settings=settings,
                 scenario=scenario,
             )
-            for i in range(SEEDS)
+            for i in range(seeds)
         ],
     )
 
@@ -181,17 +187,10 @@ None of them was looked at while the rule of restarts was chosen."""
 
 def merge_by_default(pool: EpisodePool, seed: int) -> Figures:
     """AST as it is by default where a truck merges: the least share of failures of the seeds."""
-    seeds = range(seed + UNSEEN, seed + UNSEEN + MERGES)
-    runs = side_by_side(
-        pool,
-        [
-            CampaignSpec(name="ast", method="ast", episodes=TRAINED, seed=one, scenario="merge_in")
-            for one in seeds
-        ],
-    )
-    shares = [failure_rate(run) for run in runs]
+    first = seed + UNSEEN
+    shares = [*map(failure_rate, learnt(pool, first, "ast", "merge_in", seeds=MERGES))]
     worst = of_seeds(shares, "share", TRAINED)
-    note = f"worst of the seeds {seeds[0]} to {seeds[-1]}; {each(shares)}"
+    note = f"worst of the seeds {first} to {first + MERGES - 1}; {each(shares)}"
     yield "ast.merge_in_worst", msgspec.structs.replace(worst, value=min(shares), note=note)
 
 

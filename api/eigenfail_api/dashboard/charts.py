@@ -56,7 +56,7 @@ class ChartTable(NamedTuple):
 
     @property
     def columns(self) -> tuple[TableColumn, ...]:
-        """Return the columns, all of which a page shows as text."""
+        """Return the columns; each holds text."""
         return name_columns(*self.titles)
 
     @property
@@ -135,7 +135,7 @@ class ChannelPlot(NamedTuple):
 
 
 def note_the_first(count: int) -> tuple[str, ...]:
-    """Return the note below a table that has only the first of so many rows."""
+    """Return the note of a table that leaves rows out; none if it has all `count` rows."""
     return (f"The first {MOST_ROWS} of {count} rows.",) if count > MOST_ROWS else ()
 
 
@@ -268,7 +268,7 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], unit: str, *, is_all: bool) 
     Args:
         rows: the episodes.
         unit: unit of robustness; empty for a function or requirements.
-        is_all: whether these are all that match.
+        is_all: whether they are all episodes that match the filter.
     """
 
     def read(name: str, row: EpisodeRow) -> float | None:

@@ -200,10 +200,10 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the distribution of robustness.
 
-    Robustness of functions and of requirements has no unit.
+    The robustness of a function or of requirements has no unit.
     """
     units = {find_robustness_unit(one.campaign.spec) for one in compared}
-    # Functions and requirements have no metres: beside distances the unit holds for these alone.
+    # One axis may show distances beside values that have no unit: the title says which have one.
     unit = " [m]" if units == {"m"} else " [m for distances]" if "m" in units else ""
     nothing = "0 m" if units == {"m"} else "0"
     measured = (

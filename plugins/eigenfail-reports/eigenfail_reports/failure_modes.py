@@ -62,11 +62,10 @@ SCORE_COLUMNS = (
 
 
 HOW_TO_READ = (
-    "Failures are grouped by the behaviour of the ego before the collision, or by their noise, "
-    "as the analysis says. The data are brought to a few principal components; clusters there are "
-    "the failure modes. The centre of the noise of a cluster is its eigenfailure; the medoid is "
-    "the real failure in the middle of the cluster. Peaks are those of the "
-    "eigenfailure within the steps that half of the failures reach"
+    "Failures are grouped by the behaviour of the ego before the collision, or by their noise. "
+    "Clusters of their principal components are the failure modes. The eigenfailure is the centre "
+    "of a cluster's noise, and the medoid is the failure nearest to the centre. Peaks are those of "
+    "the eigenfailure, within the steps that at least half of the failures reach"
 )
 
 

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -188,10 +187,9 @@ def find_known_failures(
                 shrunk.append((campaign, client.campaigns.minimal(campaign.id).index))
 
     def list_replays(under: RunSettings) -> Iterator[KnownReplay]:
-        drawn = partial(_find_drawn_parameters, before)
-        yield from make_mode_replays(under, before, analysis, drawn)
+        yield from make_mode_replays(under, before, analysis)
         for campaign, index in shrunk:
-            drawn = partial(_find_drawn_parameters, campaign)
+            drawn = _find_drawn_parameters(campaign, index)
             yield make_minimal_replay(under, campaign, index, drawn)
 
     old = RunSettings(baselines.find_run(before, member), SuiteMember(member.name, before.spec))

@@ -1,6 +1,6 @@
 """Known failures of a baseline, and the campaigns that inject them into another planner."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import exp, lgamma
 from typing import Any, NamedTuple
 
@@ -20,9 +20,6 @@ from eigenfail.values.records import EpisodeRow
 REPLAY = "replay"
 MINIMAL = "minimal"
 """The method whose campaigns shrink a failure; its settings name a campaign and an episode."""
-
-Drawn = Callable[[int], Mapping[str, Any]]
-"""The scenario parameters that the baseline's episode of an index drew, by name."""
 
 
 class KnownFailure(msgspec.Struct, frozen=True):
@@ -91,7 +88,7 @@ def _set_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
 
 
 def make_minimal_replay(
-    under: RunSettings, minimal: Campaign, index: int, drawn: Drawn
+    under: RunSettings, minimal: Campaign, index: int, drawn: Mapping[str, Any]
 ) -> KnownReplay:
     """What a campaign shrank its failure to.
 
@@ -99,12 +96,12 @@ def make_minimal_replay(
         under: the planner.
         minimal: the campaign.
         index: index of its minimal failure.
-        drawn: what its episodes drew of their scenario; see `Drawn`.
+        drawn: scenario parameters that this failure drew, by name.
     """
     was = f"{minimal.id}/{index}"
     again = under.replay(
         f"minimal failure {was}",
-        _set_scenario(minimal.spec, drawn(index)),
+        _set_scenario(minimal.spec, drawn),
         settings={"campaign": minimal.id, "episodes": [index]},
         episodes=1,
     )
@@ -159,7 +156,7 @@ def read_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
 
 
 def make_mode_replays(
-    under: RunSettings, before: Campaign, analysis: Analysis, drawn: Drawn
+    under: RunSettings, before: Campaign, analysis: Analysis
 ) -> Iterator[KnownReplay]:
     """The eigenfailures and medoids of an analysis, each in its own scenario.
 
@@ -170,10 +167,9 @@ def make_mode_replays(
         under: the planner.
         before: the campaign that was analysed.
         analysis: done, with at least one mode.
-        drawn: see `Drawn`.
     """
     modes, name = analysis.result.modes if analysis.result else (), f"analysis {analysis.id}"
-    for parameters, places in _group_by_scenario(modes, drawn):
+    for parameters, places in _group_by_scenario(modes):
         world = _set_scenario(before.spec, parameters)
         where = f" as in {before.id}/{modes[places[0]].medoid}" if parameters else ""
         eigenfailures = under.replay(
@@ -204,15 +200,14 @@ def make_mode_replays(
 
 
 def _group_by_scenario(
-    modes: Sequence[FailureMode], drawn: Drawn
+    modes: Sequence[FailureMode],
 ) -> Iterator[tuple[Mapping[str, Any], list[int]]]:
     """The modes by what their medoids drew, in order."""
     groups: dict[bytes, tuple[Mapping[str, Any], list[int]]] = {}
     for place, mode in enumerate(modes):
-        parameters = drawn(mode.medoid)
         # Parameters may be lists or tables, which are no keys of a dict: their text is.
-        key = msgspec.json.encode(dict(parameters), order="sorted")
-        groups.setdefault(key, (parameters, []))[1].append(place)
+        key = msgspec.json.encode(mode.drawn, order="sorted")
+        groups.setdefault(key, (mode.drawn, []))[1].append(place)
     yield from groups.values()
 
 

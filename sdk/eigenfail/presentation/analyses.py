@@ -20,8 +20,8 @@ LEAST_EXPLAINED = 0.5
 """Share of the variance below which eigenfailures are far from the failures they stand for."""
 
 LIKELIHOODS = (
-    "log p: natural logarithm of the density of the noise. That of p(x) is the mean of "
-    "random noise under p(x) over the same steps; noise of zeros has the largest log p."
+    "log p: natural logarithm of the density of the noise. Log p of p(x): the mean log p of random "
+    "noise under p(x) over the same steps. Noise of zeros has the largest log p."
 )
 TOO_FEW = "Eigenfailures of so few components may not fail again: use more with --components."
 

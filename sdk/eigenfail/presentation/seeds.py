@@ -73,10 +73,15 @@ def tabulate_spreads(spreads: Sequence[SeedSpread]) -> tables.Table:
     )
     # A note on a pooled rate holds for its group alone; all others are given once.
     shared = tables.list_notes(
-        [f"{'' if is_only or each.pooled is None else f'{each.name}: '}{one}" for one in each.notes]
-        for each in spreads
+        spread.notes if is_only or spread.pooled is None else _name_group(spread)
+        for spread in spreads
     )
     return tables.Table(OVER_SEEDS, columns, rows, (*remarks, *shared))
+
+
+def _name_group(spread: SeedSpread) -> tuple[str, ...]:
+    """Return the notes of a group, each behind its name: they state its pooled rate."""
+    return tuple(f"{spread.name}: {note}" for note in spread.notes)
 
 
 def _list_rows(spread: SeedSpread) -> Iterator[tuple[tables.Cell, ...]]:

@@ -309,7 +309,7 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     def typical(self) -> Floats:
         """The steps of the eigenfailure that at least half of the failures reach. [sigma]
 
-        Steps behind them are those of a few failures that lasted longer.
+        Only a few failures, which lasted longer, have the steps after these.
         """
         return self.eigenfailure[: self.lasting or None]
 

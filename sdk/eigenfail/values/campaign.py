@@ -64,7 +64,7 @@ def state_word(state: CampaignState, counts: Counts) -> str:
 
 
 class Overhead(msgspec.Struct, frozen=True):
-    """What a campaign spent other than on simulation whose results count, as the hub measured it.
+    """Time that a campaign spent beside simulation, as the hub measured it.
 
     Attributes:
         learning_s: no episode was with a worker, and the learner worked; its start included.

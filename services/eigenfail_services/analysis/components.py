@@ -192,7 +192,7 @@ def _describe_mode(
         eigenfailure=eigenfailure.astype(np.float32),
         medoid_campaign=int(failures.campaigns[nearest]),
         band=np.stack([low, high]).astype(np.float32),
-        # At least 1: an eigenfailure of no step would have no peak to name.
+        # Failures may end before their first step; a peak needs at least one step.
         lasting=max(1, median_steps(failures.steps[members].tolist())),
     )
     if spaces.features is spaces.noise:

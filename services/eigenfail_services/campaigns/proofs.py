@@ -392,8 +392,8 @@ def launch_replays(
     _refuse_distributions(variations or ())
     analysed = store.campaigns.get(analysis.campaign).spec
     if validation.list_drawn(analysed) and not all(mode.drawn for mode in result.modes):
-        problem = f"Scenario '{analysed.scenario}' was not installed where analysis {analysis.id}"
-        raise Conflict(f"{problem} ran: what its medoids drew is not known.", "Analyse again.")
+        problem = f"Analysis {analysis.id} ran without scenario '{analysed.scenario}' installed."
+        raise Conflict(problem, "Install the scenario there, and analyse again.")
     wanted = list_neighbours(analysed) if variations is None else variations
     worlds = _list_worlds(store, analysis, result)
     replays = [

@@ -38,13 +38,9 @@ def under(spec):
     )
 
 
-def nothing(index):
-    return {}
-
-
 def test_in_one_scenario_all_modes_share_a_campaign(under, campaign, analysis, spec):
     spec = replace(spec, stop=StopRules(failures=2), scenario_parameters={"distance_m": 53.0})
-    eigenfailures, medoids = make_mode_replays(under, campaign(1, spec=spec), analysis, nothing)
+    eigenfailures, medoids = make_mode_replays(under, campaign(1, spec=spec), analysis)
     assert eigenfailures.member.spec == replace(
         spec,
         name="trio @ v2: a: eigenfailures of analysis 5",
@@ -71,10 +67,10 @@ def test_where_parameters_vary_each_failure_is_replayed_as_its_medoid_drew_them(
 ):
     varied = {"distance_m": {"choice": [53.0, 63.0]}, "lane_change_s": 3.0}
     before = campaign(1, spec=replace(spec, scenario_parameters=varied))
-    drawn = {4: 53.0, 7: 63.0, 9: 53.0}
-    found = list(
-        make_mode_replays(under, before, analysis, lambda index: {"distance_m": drawn[index]})
-    )
+    drawn = zip(analysis.result.modes, (53.0, 63.0, 53.0), strict=True)
+    modes = tuple(replace(mode, drawn={"distance_m": one}) for mode, one in drawn)
+    drew = replace(analysis, result=replace(analysis.result, modes=modes))
+    found = list(make_mode_replays(under, before, drew))
     assert [each.member.spec.scenario_parameters["distance_m"] for each in found] == [
         *(53.0, 53.0),
         *(63.0, 63.0),
@@ -88,7 +84,7 @@ def test_where_parameters_vary_each_failure_is_replayed_as_its_medoid_drew_them(
 
 def test_the_minimal_failure_is_the_one_that_its_campaign_tells(under, campaign, spec):
     minimal = campaign(8, spec=replace(spec, method="minimal", settings={"campaign": 1}))
-    found = make_minimal_replay(under, minimal, 3, lambda index: {"distance_m": 50.0 + index})
+    found = make_minimal_replay(under, minimal, 3, {"distance_m": 53.0})
     assert found.member.spec.scenario_parameters == {"distance_m": 53.0}
     assert found.member.spec.settings == {"campaign": 8, "episodes": [3]}
     assert found.member.spec.planner == "mine"
@@ -110,7 +106,7 @@ def test_what_was_shrunk_of_the_baseline_is_known(campaign, analysis, spec):
 
 
 def test_the_baselines_own_replay_says_what_is_known(under, campaign, analysis):
-    eigenfailures, medoids = make_mode_replays(under, campaign(1), analysis, nothing)
+    eigenfailures, medoids = make_mode_replays(under, campaign(1), analysis)
     outcomes = {0: Outcome.COLLISION, 1: Outcome.SAFE}
     told = drop_unproven(eigenfailures, outcomes)
     assert [known.before for known in told.known.values()] == ["collision", "safe", None]

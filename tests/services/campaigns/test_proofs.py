@@ -344,7 +344,7 @@ def test_an_analysis_that_does_not_know_the_draws_is_not_proved(varied) -> None:
     unknown = msgspec.structs.replace(
         varied.analysis, result=msgspec.structs.replace(result, modes=modes)
     )
-    with pytest.raises(Conflict, match="what its medoids drew is not known"):
+    with pytest.raises(Conflict, match="ran without scenario 'cut_in' installed"):
         launch_replays(varied.store, unknown, None)
 
 

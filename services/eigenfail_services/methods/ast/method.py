@@ -377,8 +377,7 @@ class AdaptiveStressTesting:
     def _restart_if_stuck(self) -> None:
         """Start the next attempt where the present one finds next to nothing."""
         facts, rule = self._facts, self._restarts
-        ended, proposed = facts.observed, facts.proposed
-        is_stuck = rule.is_stuck(facts.attempt, ended, proposed, facts.recent)
+        is_stuck = rule.is_stuck(facts.attempt, facts.observed, facts.proposed, facts.recent)
         if is_stuck and not facts.converged:
             attempt = rule.start_next(facts.attempt, facts.proposed, facts.kept)
             # A new version: workers know the last one as the policy of the old networks.
