@@ -11,6 +11,7 @@ import tomllib
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from math import isfinite, nan
 from pathlib import Path
 from tempfile import mkdtemp
@@ -73,11 +74,7 @@ def open_private(path: Path, mode: str) -> IO[bytes]:
     Raises:
         OSError: it cannot be opened.
     """
-    return open(path, mode, opener=_open_for_owner)
-
-
-def _open_for_owner(path: str, flags: int) -> int:
-    return os.open(path, flags, OWNER_ONLY)
+    return open(path, mode, opener=partial(os.open, mode=OWNER_ONLY))
 
 
 def write_whole(path: Path, chunks: Iterable[bytes]) -> None:

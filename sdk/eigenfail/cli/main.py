@@ -215,17 +215,13 @@ def exit_on_error(as_json: bool) -> Iterator[None]:
 
 def _exit(error: EigenfailError, as_json: bool) -> NoReturn:
     from eigenfail.values.access import redact
-
-    # Standard error may hold progress before: a program reads the last line, which is the problem.
-    with suppress(OSError):  # the exit code reports it where nothing can be written
-        typer.echo(redact(_encode(error) if as_json else f"eigenfail: {error}"), err=True)
-    raise typer.Exit(error.exit_code) from error
-
-
-def _encode(error: EigenfailError) -> str:
     from eigenfail.wire.http import encode, make_problem
 
-    return encode(make_problem(error)).decode()
+    told = encode(make_problem(error)).decode() if as_json else f"eigenfail: {error}"
+    # Standard error may hold progress before: a program reads the last line, which is the problem.
+    with suppress(OSError):  # the exit code reports it where nothing can be written
+        typer.echo(redact(told), err=True)
+    raise typer.Exit(error.exit_code) from error
 
 
 def describe_wrong_usage(error: Any) -> InputError:

@@ -96,8 +96,7 @@ def run_and_show(
 @prints_answer()
 def list_suites(client: Client, limit: Limit = 50) -> CommandResult:
     """List the suites that a service knows, those with the newest campaigns first."""
-    found = client.suites.list()
-    return first_rows(found, limit, suites.tabulate_suites)
+    return first_rows(client.suites.list(), limit, suites.tabulate_suites)
 
 
 @app.command("show")

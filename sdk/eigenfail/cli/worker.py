@@ -52,7 +52,9 @@ def list_workers(
     def look() -> Seen:
         # Campaigns first: once none runs any more, the workers' counts are the last ones.
         running = tuple(client.campaigns.list(CampaignState.RUNNING))
-        return list_activity(client, within_s), running
+        at_work = client.workers(ACTIVE_S)
+        present, recent = client.present_workers(), client.workers(within_s)
+        return combine_activity(present, recent, at_work), running
 
     return TerminalView(
         look=look,
@@ -61,12 +63,6 @@ def list_workers(
         describe=lambda seen: _describe_activity(seen[0], within_s),
         watched=watched,
     )
-
-
-def list_activity(client: Client, within_s: int) -> tuple[WorkerActivity, ...]:
-    """Who is connected, and who worked within some seconds; who came last first."""
-    at_work = client.workers(ACTIVE_S)
-    return combine_activity(client.present_workers(), client.workers(within_s), at_work)
 
 
 def _describe_activity(

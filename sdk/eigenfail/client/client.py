@@ -98,8 +98,7 @@ class Client:
 
     def workers(self, within_s: int = 600) -> tuple[WorkerShare, ...]:
         """Who brought results in the last seconds, and of which campaigns; only these count."""
-        found = self._link.get("/workers", Page[WorkerShare], {"within_s": within_s})
-        return found.items
+        return self._link.get("/workers", Page[WorkerShare], {"within_s": within_s}).items
 
     def present_workers(self) -> tuple[Presence, ...]:
         """Who is connected now, at work or not, with host, process and versions."""

@@ -135,8 +135,7 @@ def _tabulate_modes(found: ReleaseTable) -> tables.Table:
     )
     titles = (each.version for each in found.releases)
     columns = (*tables.count_columns("Mode"), *tables.name_columns("Name", *titles))
-    notes = tuple(_list_undecided(found))
-    return tables.Table(found.title, columns, rows, notes)
+    return tables.Table(found.title, columns, rows, tuple(_list_undecided(found)))
 
 
 def name_mode(mode: ReleaseMode) -> str:

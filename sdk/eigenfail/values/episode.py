@@ -46,10 +46,13 @@ class TrajectorySource(msgspec.Struct, frozen=True, eq=False, gc=False, tag="tra
 
     Attributes:
         importance: importance function whose values the result is to have; None for no values.
+        seed: seed of the episode that is replayed, which the replay then has as well: whatever the
+            scenario draws is drawn again. None: the episode has a seed of its own.
     """
 
     z: Floats
     importance: Importance | None = None
+    seed: int | None = None
 
 
 class PolicySource(msgspec.Struct, frozen=True, gc=False, tag="policy"):
@@ -66,7 +69,7 @@ class EpisodeTask(msgspec.Struct, frozen=True, eq=False, gc=False):
 
     Attributes:
         index: its number within the campaign, from 0.
-        seed: seed of everything random in it; see `randomness.episode_seed`.
+        seed: seed of everything random in it: that of its source, or else `episode_seed`.
         source: where its disturbances come from.
     """
 

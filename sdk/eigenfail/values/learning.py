@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.episode import EpisodeTask, Source
+from eigenfail.values.episode import EpisodeTask, Source, TrajectorySource
 
 STATE = (
     "gap_x",  # longitudinal distance from ego to actor, per 100 m
@@ -156,6 +156,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         predecessors: learners of earlier campaigns that the settings name.
         experience: experience of earlier campaigns that the settings name; None if they name none.
         parallel: episodes that the campaign wants to run at a time; None where it does not say.
+        seeds: seed of the episode that each trajectory comes from, where a replay is to have it.
     """
 
     seed: int
@@ -165,11 +166,17 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     predecessors: tuple[Predecessor, ...] = ()
     experience: Experience | None = None
     parallel: int | None = None
+    seeds: tuple[int | None, ...] = ()
 
     @property
     def channels(self) -> int:
         """The number of channels of the noise: components of z at each step."""
         return int(self.trajectories.shape[2])
+
+    def make_replays(self) -> list[TrajectorySource]:
+        """Return a source for each trajectory, which replays it in the scenario of its episode."""
+        seeds = self.seeds or (None,) * len(self.trajectories)
+        return [TrajectorySource(z, seed=s) for z, s in zip(self.trajectories, seeds, strict=True)]
 
     def predecessor(self, campaign: int) -> Predecessor | None:
         """The learner of that campaign, if it is at hand."""

@@ -19,13 +19,13 @@ from eigenfail.methods import traits_of
 from eigenfail.values.analysis import Analysis, FailureMode
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import FINAL_STATES, Campaign, EpisodeForm
-from eigenfail.values.episode import Outcome, learner_seed
+from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource, learner_seed
 from eigenfail.values.learning import Experience, LearnerContext, Predecessor
 from eigenfail.values.proof import ReplayKind
 from eigenfail.worlds import world_of
 from eigenfail_services import resolution
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.campaigns.validation import check_estimates, list_varied
+from eigenfail_services.campaigns.validation import check_estimates, list_drawn, list_varied
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store.store import Store
@@ -337,12 +337,14 @@ def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
         seed=learner_seed(campaign.spec.seed),
         episodes=campaign.spec.episodes,
         horizon=campaign.form.steps,
-        trajectories=stack_noise(trajectories, campaign.form),
+        trajectories=stack_noise([each.z for each in trajectories], campaign.form),
         predecessors=tuple(
             _read_predecessor(number, field, store) for field, number in references.learners.items()
         ),
         experience=read_experience(references.data, campaign.form, store),
         parallel=campaign.spec.parallel,
+        # A replay is of the episode's scenario, unless each draws another scenario from its seed.
+        seeds=() if list_drawn(campaign.spec) else tuple(each.seed for each in trajectories),
     )
 
 
@@ -384,8 +386,8 @@ def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def read_trajectories(noise: resolution.NamedNoise, store: "Store") -> Sequence[Floats]:
-    """Return the noise trajectories that settings name; none if they name none.
+def read_trajectories(noise: resolution.NamedNoise, store: "Store") -> Sequence[TrajectorySource]:
+    """Return the noise that settings name, with the seeds of its episodes; none if they name none.
 
     An analysis counts before a campaign: a proof names both, the analysis for its modes.
 
@@ -398,22 +400,33 @@ def read_trajectories(noise: resolution.NamedNoise, store: "Store") -> Sequence[
     if noise.campaign is None:
         return ()
     if not noise.indices:
-        return store.episodes.failures(noise.campaign).noise
-    return [store.episodes.get(noise.campaign, index).noise.z for index in noise.indices]
+        portions = store.episodes.failure_portions(noise.campaign)
+        both = (pair for each in portions for pair in zip(each.noise, each.seeds, strict=True))
+        return [TrajectorySource(z, seed=seed) for z, seed in both]
+    return [_make_replay(store.episodes.get(noise.campaign, index)) for index in noise.indices]
+
+
+def _make_replay(result: EpisodeResult) -> TrajectorySource:
+    return TrajectorySource(result.noise.z, seed=result.seed)
 
 
 def _read_analysed(
     analysis: Analysis, noise: resolution.NamedNoise, store: "Store"
-) -> Sequence[Floats]:
-    """Return the noise that stands for the modes of an analysis, kind by kind."""
+) -> Sequence[TrajectorySource]:
+    """Return the noise that stands for the modes of an analysis, kind by kind.
+
+    An eigenfailure is replayed with the seed of its mode's medoid.
+    """
     modes = _choose_modes(analysis, noise)
-    found: list[Floats] = []
+    places = ((each.medoid_campaign or analysis.campaign, each.medoid) for each in modes)
+    medoids = [_make_replay(store.episodes.get(*place)) for place in places]
+    found: list[TrajectorySource] = []
     for kind in noise.what:
-        if kind is ReplayKind.EIGENFAILURE:
-            found += [mode.eigenfailure for mode in modes]
+        if kind is ReplayKind.MEDOID:
+            found += medoids
         else:
-            places = ((each.medoid_campaign or analysis.campaign, each.medoid) for each in modes)
-            found += [store.episodes.get(*place).noise.z for place in places]
+            both = zip(medoids, modes, strict=True)
+            found += [msgspec.structs.replace(one, z=mode.eigenfailure) for one, mode in both]
     return found
 
 

@@ -10,10 +10,10 @@ import msgspec
 
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
+from eigenfail.values import episode
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.campaign import BUDGET_SPENT
 from eigenfail.values.campaign_spec import StopRules
-from eigenfail.values.episode import EpisodeResult, EpisodeTask, Outcome, PolicySource, episode_seed
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import Policy, Proposal, Round
 from eigenfail.values.records import assess
@@ -33,9 +33,9 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     errored: int = 0
     unresolved: int = 0
 
-    def after(self, results: Sequence[EpisodeResult]) -> "Tally":
+    def after(self, results: Sequence[episode.EpisodeResult]) -> "Tally":
         """Return the counts with another round."""
-        completed = sum(result.outcome is not Outcome.ERRORED for result in results)
+        completed = sum(result.outcome is not episode.Outcome.ERRORED for result in results)
         failures = sum(result.is_failure for result in results)
         ends = [assess(result.outcome, result.measures).unresolved for result in results]
         return Tally(
@@ -232,7 +232,7 @@ class Rounds:
             self._propose()
         return tuple(self._open)
 
-    def complete(self, results: Sequence[EpisodeResult]) -> None:
+    def complete(self, results: Sequence[episode.EpisodeResult]) -> None:
         """Have the learner observe the oldest open round.
 
         Args:
@@ -322,15 +322,19 @@ class Rounds:
 
     def _round(self, proposal: Proposal) -> Round:
         tasks = tuple(
-            EpisodeTask(index, episode_seed(self._campaign_seed, index), source)
+            episode.EpisodeTask(index, self._choose_seed(index, source), source)
             for index, source in enumerate(proposal.sources, self._episodes)
         )
         # A worker that takes over after a crash has seen no earlier round: each carries its policy.
-        needed = any(isinstance(source, PolicySource) for source in proposal.sources)
+        needed = any(isinstance(source, episode.PolicySource) for source in proposal.sources)
         return Round(self._number, tasks, self._policy if needed else None)
 
+    def _choose_seed(self, index: int, source: episode.Source) -> int:
+        given = source.seed if isinstance(source, episode.TrajectorySource) else None
+        return episode.episode_seed(self._campaign_seed, index) if given is None else given
 
-def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeResult]:
+
+def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[episode.EpisodeResult]:
     """Run a whole campaign in this process, and yield its results in index order.
 
     The service runs the rounds through the hub; this is for examples, benchmarks and tests.

@@ -10,7 +10,7 @@ from msgspec import Meta, structs
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.values.arrays import Floats
-from eigenfail.values.episode import EpisodeResult, Outcome, TrajectorySource
+from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail_services.methods import Id, RoundSize, archive, minimal_search
 
@@ -88,8 +88,9 @@ class Minimal:
                 "Name a campaign and an episode of it, or an analysis and a mode of it.",
             )
         self._round_size = settings.round_size
+        (self._failure,) = context.make_replays()
         self._search = minimal_search.start_search(
-            np.ascontiguousarray(context.trajectories[0], np.float32)
+            np.ascontiguousarray(self._failure.z, np.float32)
         )
         self._ends: tuple[int, ...] = ()
 
@@ -99,7 +100,7 @@ class Minimal:
         tried = minimal_search.list_candidates(self._search)[
             first : first + min(n, self._round_size)
         ]
-        return Proposal(tuple(TrajectorySource(z) for z in tried))
+        return Proposal(tuple(structs.replace(self._failure, z=z) for z in tried))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Add the ends of candidates; after the last one of a phase, go on to the next.

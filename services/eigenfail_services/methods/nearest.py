@@ -16,7 +16,6 @@ from msgspec import Meta
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
-from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal
 from eigenfail.values.proof import ReplayKind
@@ -171,20 +170,15 @@ class NearestFailingPoint:
                 'Name an analysis with failure modes; leave "what" as it is.',
             )
         half = count // 2
-        self._centres, self._medoids = context.trajectories[:half], context.trajectories[half:]
+        sources = context.make_replays()
+        self._centres, self._medoids = sources[:half], sources[half:]
         self._search = NearestSearch(half)
 
     def propose(self, n: int) -> Proposal:
         """Return the next points of all modes; none once all are searched."""
         opened = self._search.open(n)
-        return Proposal(
-            tuple(
-                TrajectorySource(
-                    mix_noise(self._centres[each.mode], self._medoids[each.mode], each.t)
-                )
-                for each in opened
-            )
-        )
+        ends = ((self._centres[each.mode], self._medoids[each.mode], each.t) for each in opened)
+        return Proposal(tuple(mix_noise(*each) for each in ends))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Record which points failed; one that errored counts as a point that did not."""
@@ -204,10 +198,10 @@ class NearestFailingPoint:
         self._search = NearestSearch(len(self._centres), facts.trials)
 
 
-def mix_noise(centre: Floats, medoid: Floats, t: float) -> Floats:
-    """Return (1 − t) · centre + t · medoid, shape (steps, channels) [sigma].
+def mix_noise(centre: TrajectorySource, medoid: TrajectorySource, t: float) -> TrajectorySource:
+    """Return (1 − t) · centre + t · medoid, with the medoid's seed.
 
     A medoid's noise is 0 after its collision, which ended the episode.
     """
-    mixed: Floats = np.float32(1.0 - t) * centre + np.float32(t) * medoid
-    return mixed
+    mixed = np.float32(1.0 - t) * centre.z + np.float32(t) * medoid.z
+    return msgspec.structs.replace(medoid, z=mixed)

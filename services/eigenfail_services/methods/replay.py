@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
-from eigenfail.values.episode import EpisodeResult, TrajectorySource
+from eigenfail.values.episode import EpisodeResult
 from eigenfail.values.learning import LearnerContext, Proposal, count_rounds_ahead
 from eigenfail.values.proof import ReplayKind
 from eigenfail_services.methods import Amount, Id, RoundSize, archive
@@ -81,24 +81,20 @@ class Replay:
             )
         # float32 times float32: the noise keeps the type in which it is stored, and with scale 1
         # every bit.
-        self._trajectories = [np.float32(settings.scale) * z for z in context.trajectories]
+        scale, replays = np.float32(settings.scale), context.make_replays()
+        self._sources = [msgspec.structs.replace(each, z=scale * each.z) for each in replays]
         self._round_size = settings.round_size
         self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
         # Passes end the campaign, also if its budget allows for more.
-        self._total = len(context.trajectories) * settings.repeats
+        self._total = len(self._sources) * settings.repeats
         self._proposed = 0
 
     def propose(self, n: int) -> Proposal:
         """Return the next trajectories; none after the last pass."""
         first = self._proposed
         self._proposed = min(first + min(n, self._round_size), self._total)
-        count = len(self._trajectories)
-        return Proposal(
-            tuple(
-                TrajectorySource(self._trajectories[i % count])
-                for i in range(first, self._proposed)
-            )
-        )
+        chosen = (self._sources[i % len(self._sources)] for i in range(first, self._proposed))
+        return Proposal(tuple(chosen))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Do nothing: replay does not learn."""

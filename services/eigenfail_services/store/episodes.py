@@ -328,14 +328,6 @@ class EpisodeStore(StorePart):
                 if _has_result(found)
             ]
 
-    def failures(self, campaign: int) -> records.Failures:
-        """Return the noise of all failures."""
-        portions = list(self.failure_portions(campaign))
-        return records.Failures(
-            tuple(index for portion in portions for index in portion.indices),
-            tuple(z for portion in portions for z in portion.noise),
-        )
-
     def failure_portions(self, campaign: int) -> Iterator[records.Failures]:
         """Yield the noise of all failures, at most `PORTION` at a time, from one transaction.
 
@@ -346,7 +338,7 @@ class EpisodeStore(StorePart):
             # Of one outcome, an index has the failures in order.
             collided = schema.episodes.c.outcome == Outcome.COLLISION
             query = (
-                sa.select(schema.episode_index, schema.trajectories.c.z)
+                sa.select(schema.episode_index, schema.trajectories.c.z, schema.episodes.c.seed)
                 .join(schema.trajectories, _SAME_TRAJECTORY)
                 .where(schema.episodes.c.campaign == campaign)
                 .where(schema.is_failure if codec.count_requirements(spec) else collided)
@@ -354,9 +346,10 @@ class EpisodeStore(StorePart):
                 .execution_options(yield_per=records.PORTION)
             )
             for rows_ in connection.execute(query).partitions():
+                indices, noise, seeds = zip(*rows_, strict=True)
+                form = codec.to_noise_form(spec)
                 yield records.Failures(
-                    tuple(index for index, _ in rows_),
-                    tuple(codec.to_counted_z(z, codec.to_noise_form(spec)) for _, z in rows_),
+                    indices, tuple(codec.to_counted_z(z, form) for z in noise), seeds
                 )
 
     def failure_courses(self, campaign: int) -> Iterator[records.FailureCourse]:

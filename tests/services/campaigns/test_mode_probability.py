@@ -131,7 +131,7 @@ def episode(index: int, z: np.ndarray) -> EpisodeResult:
 
 
 def sides(store: Store, campaign: Campaign) -> dict[int, int]:
-    failures = store.episodes.failures(campaign.id)
+    (failures,) = store.episodes.failure_portions(campaign.id)
     each = zip(failures.indices, failures.noise, strict=True)
     return {index: int(z[:, 0].sum() < 0.0) for index, z in each}
 

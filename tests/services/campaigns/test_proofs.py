@@ -21,6 +21,7 @@ from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import Channel
 from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.episode import TrajectorySource, episode_seed
 from eigenfail.values.proof import ExplainedEpisode, ExplainedStep, NearestFailure
 from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.campaigns import explanations as words_module
@@ -37,6 +38,7 @@ from eigenfail_services.methods.minimal import MinimalFacts
 from eigenfail_services.methods.minimal_search import SearchPhase
 from eigenfail_services.methods.nearest import mix_noise
 from eigenfail_services.store.store import open_store
+from eigenfail_workers.scenarios.cut_in import CutIn, CutInParameters, CutInSituation
 
 WORLD = {"planner": "idm", "simulator": "point_mass"}
 
@@ -104,6 +106,78 @@ def test_every_medoid_fails_again_where_it_was_found_and_everything_is_told(hous
         assert replay.log_probability == stored.noise.log_probability
 
 
+class Restless(CutIn):
+    """`cut_in`, where the seed draws the distance, as the traffic of other worlds is drawn."""
+
+    def __call__(self, parameters: CutInParameters, seed: int) -> CutInSituation:
+        drawn_m = float(np.random.default_rng(seed).uniform(52.0, 70.0))
+        return super().__call__(msgspec.structs.replace(parameters, distance_m=drawn_m), seed)
+
+
+@pytest.fixture
+def restless(monkeypatch) -> Iterator[House]:
+    """Failures in a scenario that draws more than its parameters."""
+    load = plugins.load
+    monkeypatch.setattr(
+        plugins, "load", lambda group, name: Restless if name == "restless" else load(group, name)
+    )
+    house = House()
+    house.campaign = house.run(episodes=40, seed=3, scenario="restless")
+    yield house
+    house.store.close()
+
+
+def test_replays_meet_what_the_scenario_drew_for_the_episode(restless) -> None:
+    store, failures = restless.store, restless.failures(restless.campaign)
+    assert 5 < len(failures) < 40
+    wanted = [failure.digest() for failure in failures]
+    whole = restless.run(
+        method="replay",
+        settings={"campaign": restless.campaign},
+        scenario="restless",
+        episodes=len(failures),
+    )
+    found = store.episodes.finished(whole, range(len(failures)))
+    assert [each.digest() for each in sorted(found, key=lambda each: each.index)] == wanted
+    last = len(failures) - 1
+    (again,) = restless.failures(
+        restless.run(
+            method="replay",
+            settings={"campaign": whole, "episodes": [last]},
+            scenario="restless",
+            episodes=1,
+        )
+    )
+    assert (again.index, again.seed, again.digest()) == (0, failures[-1].seed, wanted[-1])
+
+
+def test_modes_and_shrunk_failures_are_proven_in_what_their_seeds_drew(restless) -> None:
+    analysis = restless.store.analyses.get(restless.analysed(restless.campaign))
+    (same,) = launch_replays(restless.store, analysis, [{}]).scenarios
+    restless.finish(same.campaign)
+    proof = summarise_proof(restless.store, analysis)
+    assert (proof.medoids.rate.k, proof.medoids.rate.n) == (2, 2)
+    seeds = [
+        restless.store.episodes.get(restless.campaign, mode.medoid).seed
+        for mode in analysis.result.modes
+    ]
+    replayed = restless.store.episodes.finished(same.campaign, range(4))
+    # The eigenfailure of a mode, too, is replayed in the scenario of its medoid.
+    assert [each.seed for each in sorted(replayed, key=lambda each: each.index)] == seeds * 2
+    failure = restless.failures(restless.campaign)[-1]
+    settings = {"campaign": restless.campaign, "episode": failure.index}
+    number = restless.run(
+        method="minimal", settings=settings, episodes=300, scenario="restless", seed=99
+    )
+    told = find_minimal_failure(restless.store, restless.store.campaigns.get(number))
+    assert told.full_log_probability == failure.noise.log_probability
+    assert restless.store.episodes.get(number, told.index).seed == failure.seed
+    (search,) = launch_replays(restless.store, analysis, [{}]).searches or (None,)
+    if search is not None:
+        restless.finish(search)
+        assert {each.seed for each in restless.failures(search)} <= set(seeds)
+
+
 def test_where_a_centre_does_not_fail_the_nearest_failing_point_is_searched() -> None:
     house = House()
     campaign = house.run(episodes=40, seed=3)
@@ -125,7 +199,8 @@ def test_where_a_centre_does_not_fail_the_nearest_failing_point_is_searched() ->
     mode = analysis.result.modes[0]
     medoid = house.store.episodes.get(campaign, mode.medoid).noise.z
     medoid = np.pad(medoid, ((0, len(mode.eigenfailure) - len(medoid)), (0, 0)))
-    mixed = mix_noise(mode.eigenfailure, medoid, nearest.t)
+    ends = TrajectorySource(mode.eigenfailure), TrajectorySource(medoid)
+    mixed = mix_noise(*ends, nearest.t).z
     assert episode.is_failure
     assert 0.0 < nearest.t < 1.0
     assert np.allclose(episode.noise.z, mixed[: len(episode.noise.z)], atol=1e-6)
@@ -336,6 +411,15 @@ def test_where_the_scenario_varies_each_mode_is_replayed_in_what_its_medoid_drew
         drawn = mode.drawn
         assert spec.scenario_parameters.items() >= drawn.items()
     assert len(varied.store.campaigns.page(100).items) == before + len(searching.searches)
+
+
+def test_replays_in_a_varying_scenario_draw_scenarios_of_their_own(varied) -> None:
+    settings = {"campaign": varied.campaign}
+    number = varied.run(method="replay", settings=settings, scenario_parameters=VARIED, seed=8)
+    found = varied.store.episodes.finished(number, range(30))
+    assert [each.seed for each in sorted(found, key=lambda each: each.index)] == [
+        episode_seed(8, i) for i in range(len(varied.failures(varied.campaign)))
+    ]
 
 
 def test_an_analysis_that_does_not_know_the_draws_is_not_proved(varied) -> None:

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
+from eigenfail.values.episode import TrajectorySource
 from eigenfail.values.learning import LearnerContext
 from eigenfail_services.methods.nearest import (
     GRID,
@@ -70,9 +71,11 @@ def test_what_was_tried_follows_from_the_outcomes(borders: list[float], most: in
 
 def test_noise_is_mixed_on_a_straight_way() -> None:
     centre, medoid = np.full((4, 2), 1.0, np.float32), np.full((4, 2), 3.0, np.float32)
-    assert np.all(mix_noise(centre, medoid, 0.25) == 1.5)
-    assert np.array_equal(mix_noise(centre, medoid, 0.0), centre)
-    assert np.array_equal(mix_noise(centre, medoid, 1.0), medoid)
+    ends = TrajectorySource(centre, seed=1), TrajectorySource(medoid, seed=2)
+    assert np.all(mix_noise(*ends, 0.25).z == 1.5)
+    assert np.array_equal(mix_noise(*ends, 0.0).z, centre)
+    assert np.array_equal(mix_noise(*ends, 1.0).z, medoid)
+    assert mix_noise(*ends, 0.0).seed == 2
 
 
 @pytest.mark.parametrize("count", [0, 3])

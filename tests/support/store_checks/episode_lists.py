@@ -55,8 +55,9 @@ def gathers_failures(store: Store) -> None:
         make_errored_result(2),
         collision(0, steps=2),
     )
-    found = store.episodes.failures(campaign.id)
+    (found,) = store.episodes.failure_portions(campaign.id)
     equal(found.indices, (0, 8), "Indices of the collisions")
+    equal(found.seeds, (collision(0).seed, collision(8).seed), "Their seeds")
     alike(found.noise[0], collision(0, steps=2).noise.z, "z of the first")
     alike(found.noise[1], collision(8, steps=5).noise.z, "z of the second")
 

@@ -190,7 +190,8 @@ def knows_the_channels_of_the_noise(store: Store) -> None:
         found = store.episodes.get(campaign.id, 2)
         equal(found.noise.sigma.shape, (0, channels), "The shape of noise without a step")
         equal(found.digest(), lost.digest(), "The digest of an episode that never ran")
-        (failed,) = store.episodes.failures(campaign.id).noise
+        (failures,) = store.episodes.failure_portions(campaign.id)
+        (failed,) = failures.noise
         alike(failed, seen.noise.z, "The noise of a failure")
 
 

@@ -52,7 +52,8 @@ def counts_violations_as_failures(store: Store) -> None:
     wanted = (RequirementTotals(3, 1, 0.0), RequirementTotals(3, 2, -0.5))
     equal(store.figures.safety(campaign.id).requirements, wanted, "Violations")
     equal(store.figures.totals([campaign.id])[campaign.id].failures, 2, "Failures")
-    equal(store.episodes.failures(campaign.id).indices, (0, 2), "Indices of failures")
+    (failures,) = store.episodes.failure_portions(campaign.id)
+    equal(failures.indices, (0, 2), "Indices of failures")
     conflicts = store.figures.totals([campaign.id])[campaign.id].conflicts
     found = (conflicts.unavoidable, conflicts.planner_failures, conflicts.unclassified)
     equal(sum(found), 1, "Classes of collisions")

@@ -25,7 +25,7 @@ def store(run: Callable[..., int], finish: Callable[..., int]) -> Store:
     """Campaign 1 varies its scenario and is analysed and proven, 2 shrinks a failure of it."""
     store = open_store("memory://")
     run(store, name="Varied", **VARIED)
-    failure = store.episodes.failures(1).indices[0]
+    failure = next(store.episodes.failure_portions(1)).indices[0]
     settings = {"campaign": 1, "episode": failure}
     run(store, name="Minimal", method="minimal", settings=settings, episodes=120)
     analysis = store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0))
