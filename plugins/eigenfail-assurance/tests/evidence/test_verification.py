@@ -18,6 +18,7 @@ from eigenfail.values.campaign_spec import StopRules
 from eigenfail_assurance.evidence import storage
 from eigenfail_assurance.evidence.bundle import MANIFEST, make_bundle, make_manifest
 from eigenfail_assurance.evidence.question import Claim, EvidenceQuestion, ProbabilitySolution
+from eigenfail_assurance.evidence.recomputation import check_campaign
 from eigenfail_assurance.evidence.records import (
     EvidenceRecords,
     NoiseLine,
@@ -258,6 +259,13 @@ def test_a_seed_of_another_campaign_is_found(bundle, verify):
     lines = bundle.files[name].split(b"\r\n")
     lines[1] = b"0,5," + lines[1].split(b",", 2)[2]
     assert name in list_places(verify(rehash(bundle, **{name: b"\r\n".join(lines)})))
+
+
+@pytest.mark.parametrize(("source", "found"), [(b"prior", 1), (b"policy", 1), (b"trajectory", 0)])
+def test_injected_noise_alone_may_bring_seeds_of_other_campaigns(make, source, found):
+    record = with_spec(make("sc", seed=3), seed=4)
+    record = replace(record, table=record.table.replace(b"prior", source))
+    assert sum("The seed" in each.problem for each in check_campaign(record)) == found
 
 
 @pytest.mark.parametrize(
