@@ -357,8 +357,7 @@ class _FilterReader:
         if word is None:
             remedy = "Write a number, a word, or text in quotes."
             raise self._make_error(f"{name} {sign} lacks its value.", remedy)
-        value = _read_operand(column, sign, word, self._place(word))
-        return Condition(name, sign, value)
+        return Condition(name, sign, _read_operand(column, sign, word, self._place(word)))
 
     def _operator(self, name: str) -> Operator:
         signs = self._take(SIGNS)

@@ -159,6 +159,8 @@ def load(group: str, name: str) -> Any:
         InvalidValue: the plug-in is there, but cannot be loaded, or several claim its name.
     """
     field = group.removeprefix("eigenfail.").removesuffix("s")
+    if name not in list_entry_points(group):
+        list_entry_points.cache_clear()  # its package may have been installed since
     point = list_entry_points(group).get(name)
     if point is None:
         package = PACKAGES.get(group, {}).get(name)

@@ -326,8 +326,7 @@ class PluginWorld(CampaignWorld):
 
     def fill_planner(self, spec: CampaignSpec) -> CampaignSpec:
         """Write out all settings of the planner."""
-        settings = msgspec.to_builtins(self._read_planner(spec))
-        return replace(spec, planner_settings=settings)
+        return replace(spec, planner_settings=msgspec.to_builtins(self._read_planner(spec)))
 
     def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
         """Write out all parameters; 53 and 53.0 are the same where the default is a float."""

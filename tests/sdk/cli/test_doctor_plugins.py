@@ -57,8 +57,7 @@ def test_an_extension_that_the_service_leaves_out_is_named(install):
     assert "no grass" in find_wrong()["eigenfail.routes: goats"].found
 
 
-def test_a_method_of_a_package_that_is_absent_names_the_package(monkeypatch):
-    monkeypatch.setattr(plugins, "list_entry_points", lambda group: {})
+def test_a_method_of_a_package_that_is_absent_names_the_package(without_plugins):
     package = plugins.PACKAGES[plugins.METHODS]["annealing"]
     with pytest.raises(UnknownName, match=f"pip install plugins/{package}") as raised:
         plugins.load.__wrapped__(plugins.METHODS, "annealing")
