@@ -84,7 +84,7 @@ class EntityTags:
 
         async def send_tagged(message: Message) -> None:
             nonlocal held
-            if _begins_json(message):
+            if _starts_json_answer(message):
                 held = message
                 return
             head, held = held, None
@@ -97,7 +97,7 @@ class EntityTags:
         await self._app(scope, receive, send_tagged)
 
 
-def _begins_json(message: Message) -> bool:
+def _starts_json_answer(message: Message) -> bool:
     if message["type"] != "http.response.start" or message["status"] != 200:
         return False
     return Headers(raw=message["headers"]).get("content-type", "") == JSON_TYPE

@@ -182,7 +182,7 @@ def variation(
     if "steps" not in given:
         remedy = "Give the horizon of the scenario, as `eigenfail doctor --bridge ADDRESS` shows."
         raise InvalidValue(f"{field}.steps", "is missing.", remedy)
-    refuse_too_many(given, field)
+    refuse_excess_parameters(given, field)
     kind, searched = parameters_kind(given), model.searched_parameters
     found = read_variation(kind, given, field, searched, model.parameter_correlations)
     for corner in found.corners():
@@ -223,7 +223,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
     Raises:
         InvalidValue: one is no finite number, truth value or short text, or there are too many.
     """
-    refuse_too_many(given, field)
+    refuse_excess_parameters(given, field)
     for name, value in given.items():
         fits = {str: lambda text: len(text) <= LONGEST_TEXT, float: isfinite}
         # By the exact type: a subclass, as of numpy's floats, may be encoded as anything.
@@ -233,7 +233,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
     return dict(given)
 
 
-def refuse_too_many(given: Mapping[str, Any], field: str) -> None:
+def refuse_excess_parameters(given: Mapping[str, Any], field: str) -> None:
     """Raise InvalidValue for more parameters than a bridge can receive."""
     if len(given) > MOST_PARAMETERS:
         problem = f"there are {len(given)}."

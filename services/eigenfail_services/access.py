@@ -120,7 +120,7 @@ FIELD = "--file"
 
 
 class FirstKey(msgspec.Struct, frozen=True):
-    """The outcome of `first_key`, without the secret.
+    """The outcome of `make_first_key`, without the secret.
 
     Attributes:
         made: the key that was made; null where an administrator has one already.
@@ -131,7 +131,7 @@ class FirstKey(msgspec.Struct, frozen=True):
     file: str
 
 
-def first_key(store: Store, name: str, file: Path) -> FirstKey:
+def make_first_key(store: Store, name: str, file: Path) -> FirstKey:
     """Create an administrator's key in a private file, unless an administrator has a valid key.
 
     An empty file shows that an earlier attempt was interrupted: then another key is created.
@@ -195,7 +195,7 @@ class DatabaseKeys:
     def create_first(self, name: str, file: Path) -> FirstKey:
         """Make an administrator's key in a file, unless there is one."""
         with self._open() as store:
-            answer = first_key(store, name, file)
+            answer = make_first_key(store, name, file)
             if answer.made is not None:
                 _note(store, "POST", "", answer.made.id, CREATED)
         return answer

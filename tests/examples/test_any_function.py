@@ -24,7 +24,7 @@ from eigenfail.values.records import Delivery
 from eigenfail.worlds import world_of
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.campaigns.summary import find_summary
+from eigenfail_services.campaigns.summary import summarise_campaign
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store.store import open_store
 from eigenfail_workers.engines import make_engine
@@ -89,7 +89,7 @@ def test_what_a_function_has_not_reads_as_a_dash(spec, results):
     campaign = store.campaigns.create(accept_spec(spec)).id
     store.campaigns.move(campaign, "running")
     store.episodes.commit(campaign, [Delivery(result, "by hand") for result in results])
-    summary = find_summary(store, store.campaigns.get(campaign))
+    summary = summarise_campaign(store, store.campaigns.get(campaign))
     assert summary.mean_severity is None
     assert summary.failure_rate.k == summary.conflicts.unclassified > 50
     app = create_app(store, ApiSettings())

@@ -9,13 +9,13 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values.access import TOKEN, KeyRequest, Scope
-from eigenfail_services.access import authenticate_key, first_key, make_key
+from eigenfail_services.access import authenticate_key, make_first_key, make_key
 from eigenfail_services.store.clock import now_ms
 
 
 def test_it_is_in_a_file_for_its_owner_alone_and_opens_the_door(store, tmp_path):
     file = tmp_path / "key"
-    told = first_key(store, "compose", file)
+    told = make_first_key(store, "compose", file)
     token = file.read_text().strip()
     assert authenticate_key(store, token, now_ms()) == told.made
     assert (told.made.scope, told.made.name) == (Scope.ADMIN, "compose")
@@ -25,31 +25,31 @@ def test_it_is_in_a_file_for_its_owner_alone_and_opens_the_door(store, tmp_path)
 
 def test_it_is_made_once_also_where_the_file_was_taken_away(store, tmp_path):
     file = tmp_path / "key"
-    first_key(store, "compose", file)
+    make_first_key(store, "compose", file)
     token = file.read_text()
-    assert first_key(store, "compose", file).made is None
+    assert make_first_key(store, "compose", file).made is None
     assert file.read_text() == token
     file.unlink()
-    assert first_key(store, "compose", file).made is None
+    assert make_first_key(store, "compose", file).made is None
     assert (file.exists(), store.keys.admins(now_ms())) == (False, 1)
 
 
 def test_who_has_made_one_gets_no_other(store, tmp_path):
     make_key(store, KeyRequest("ada", Scope.ADMIN))
-    assert first_key(store, "compose", tmp_path / "key").made is None
+    assert make_first_key(store, "compose", tmp_path / "key").made is None
     assert not (tmp_path / "key").exists()
 
 
 def test_one_that_broke_off_before_the_file_was_written_is_made_anew(store, tmp_path):
     make_key(store, KeyRequest("compose", Scope.ADMIN))
     (tmp_path / "key").write_text("\n")
-    assert first_key(store, "compose", tmp_path / "key").made is not None
+    assert make_first_key(store, "compose", tmp_path / "key").made is not None
     assert TOKEN.fullmatch((tmp_path / "key").read_text().strip())
 
 
 def test_no_key_is_made_that_could_not_be_kept(store, tmp_path):
     with pytest.raises(InvalidValue, match="cannot be written"):
-        first_key(store, "compose", tmp_path / "nowhere" / "key")
+        make_first_key(store, "compose", tmp_path / "nowhere" / "key")
     assert not store.keys.exist()
 
 
@@ -73,6 +73,6 @@ def test_a_file_that_cannot_be_looked_into_is_named_and_no_key_is_made(store, tm
     (tmp_path / ".blocked.new").mkdir()
     for name in ("", "binary", "binary/key", "blocked"):
         with pytest.raises(InvalidValue) as refused:
-            first_key(store, "compose", tmp_path / name)
+            make_first_key(store, "compose", tmp_path / name)
         assert refused.value.field == "--file"
     assert not store.keys.exist()

@@ -147,7 +147,7 @@ def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Ta
     found = (
         analyses.tabulate_noise_within(result, step_s),
         analyses.tabulate_moments(result),
-        analyses.tabulate_influence(result),
+        analyses.tabulate_last_influence(result),
         analyses.tabulate_sources(result),
     )
     return tuple(grid for grid in found if grid.rows)

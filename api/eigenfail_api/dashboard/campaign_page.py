@@ -44,9 +44,9 @@ from eigenfail_services.campaigns.summary import (
     count_present,
     find_course,
     find_narrow,
-    find_summary,
     list_unrunnable,
     make_staffing,
+    summarise_campaign,
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.store import Store
@@ -289,7 +289,7 @@ def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None
     listed = episodes_page.read_failures(store, seen, order)
     first = [row.index for row in listed.items[:MOST_FAILURES]]
     here, lacking = count_present(store), list_unrunnable(store)
-    summary = find_summary(store, seen)
+    summary = summarise_campaign(store, seen)
     analyses = store.analyses.page(ANALYSES_ON_A_PAGE, None, seen.id).items
     course, rows = find_course(store, seen), store.figures.samples(seen.id)
     world, unit = worlds.world_of(seen.spec.simulator), worlds.find_robustness_unit(seen.spec)

@@ -94,7 +94,7 @@ class Chart(msgspec.Struct, frozen=True, kw_only=True):
         return len(channels) if isinstance(channels, dict) else 0
 
     @property
-    def channels_at_first(self) -> int:
+    def first_channel_count(self) -> int:
         """Return the number of channels that are drawn until a user wants all of them."""
         return min(self.channels, MOST_CHANNELS)
 

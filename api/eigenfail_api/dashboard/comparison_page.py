@@ -29,7 +29,7 @@ from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
 from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.costs import find_spending
-from eigenfail_services.campaigns.summary import find_course, summaries_of
+from eigenfail_services.campaigns.summary import find_course, summarise_campaigns
 from eigenfail_services.comparison import comparability, sides
 from eigenfail_services.store.store import Store
 
@@ -177,7 +177,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
         return view
     groups = sides.group_by_seed(campaigns)
     settings = comparability.compare_settings(campaigns)
-    summaries = summaries_of(store, campaigns)
+    summaries = summarise_campaigns(store, campaigns)
     pair = [",".join(str(each.id) for each in group) for group in groups[:2]]
     return view | {
         "names": [name_column(each) for each in campaigns],

@@ -103,10 +103,10 @@ def make_method_costs(groups: Sequence[PeerCosts]) -> tuple[tuple[Chart, ...], t
     # Notes on all charts stand once below them, others in their captions.
     common = [note for note in notes if all(note in group.notes for group in shown)]
     charts = tuple(group_chart(place, group, common) for place, group in enumerate(shown))
-    return charts, (*common, *describe_omitted(len(priced) - len(shown)))
+    return charts, (*common, *describe_omitted_groups(len(priced) - len(shown)))
 
 
-def describe_omitted(count: int) -> tuple[str, ...]:
+def describe_omitted_groups(count: int) -> tuple[str, ...]:
     """Return the note that further groups are left out."""
     groups = figures.count_noun(count, "older group")
     return (f"{groups} of campaigns not shown; see /api/v1/costs.",) if count > 0 else ()

@@ -22,7 +22,7 @@ from eigenfail_services.campaigns.summary import (
     list_recent_workers,
     list_unrunnable,
     make_staffing,
-    summaries_of,
+    summarise_campaigns,
 )
 from eigenfail_services.comparison.peers import compare_peers, list_methods
 
@@ -184,7 +184,7 @@ def show_overview(store: Stored, asked: Annotated[Wanted, Depends()]) -> HTMLRes
     # The feed goes on behind this event: it is read first, so that no event falls between.
     latest, pools = store.events.last(), store.figures.pools()
     found = store.campaigns.page(CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.where, order)
-    summaries = summaries_of(store, found.items)
+    summaries = summarise_campaigns(store, found.items)
     replays = sum(pool.campaigns for pool in pools if pool.method == cost_charts.REPLAY)
     here, stranded = count_present(store), list_unrunnable(store)
     has_archive = bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items)

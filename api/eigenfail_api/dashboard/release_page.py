@@ -13,8 +13,8 @@ from eigenfail_api.parameters import AnalysisId, CampaignId, ModeNumber, Stored
 from eigenfail_api.routes.versions import RELEASES
 from eigenfail_services.comparison.releases import (
     find_history,
-    list_questions,
     list_release_tables,
+    list_tested_worlds,
     make_release_table,
 )
 
@@ -46,7 +46,7 @@ Project = Annotated[str, Query(max_length=80)]
 @router.get("/releases", dependencies=[RELEASES])
 def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
     """Serve the scenarios in which versions of a planner were tested."""
-    questions = list_questions(store, project or None)
+    questions = list_tested_worlds(store, project or None)
     # A table costs a comparison of all versions: only the newest scenarios have one here.
     tables = list_release_tables(store, project or None, SHOWN)
     newest = [(table.question, releases.compare_newest(table)) for table in tables]

@@ -241,7 +241,7 @@ def list_summaries(
     """List failures, failure rate, likelihood and cost of campaigns, newest first."""
     where = CampaignFilter(archived=None if archived else False)
     page = store.campaigns.page(limit, before, where)
-    return parameters.Json(Page(tuple(summary.summaries_of(store, page.items)), page.next))
+    return parameters.Json(Page(tuple(summary.summarise_campaigns(store, page.items)), page.next))
 
 
 @router.get("/{campaign}", **document_route(Campaign))
@@ -333,7 +333,7 @@ def prioritise_campaign(
 @router.get("/{campaign}/summary", **document_route(Summary))
 def get_summary(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get failures, failure rate, likelihood and cost of a campaign so far."""
-    return parameters.Json(summary.find_summary(store, store.campaigns.get(campaign)))
+    return parameters.Json(summary.summarise_campaign(store, store.campaigns.get(campaign)))
 
 
 @router.get("/{campaign}/course", **document_route(Course))

@@ -12,7 +12,7 @@ from eigenfail.wire.http import PREFIX
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
-from eigenfail_services.comparison.releases import list_questions, make_release_table
+from eigenfail_services.comparison.releases import list_tested_worlds, make_release_table
 
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 
@@ -25,7 +25,7 @@ Project = Annotated[str | None, Query(description="Only campaigns of this projec
 @router.get("/releases", dependencies=[RELEASES], **document_route(Page[ReleaseQuestion]))
 def list_releases(store: parameters.Stored, project: Project = None) -> parameters.Json:
     """List the scenarios in which versions of a planner were tested, the newest first."""
-    return parameters.Json(Page(list_questions(store, project)))
+    return parameters.Json(Page(list_tested_worlds(store, project)))
 
 
 @router.get("/releases/{campaign}", dependencies=[RELEASES], **document_route(ReleaseTable))

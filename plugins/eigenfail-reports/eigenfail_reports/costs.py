@@ -106,16 +106,16 @@ def list_curve_rows(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
 
 def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the names and values of a campaign's costs."""
-    price, time = figures.format_amount(found.price_usd_per_hour), found.time
+    price, time = figures.format_money(found.price_usd_per_hour), found.time
     hours = f"{figures.format_number(found.cost.instance_hours)} instance-hours"
-    yield "Cost", (figures.format_amount(found.cost.total_usd), f"{hours} at {price}")
+    yield "Cost", (figures.format_money(found.cost.total_usd), f"{hours} at {price}")
     yield "Cost per failure", format_cost(found.cost).lines
     modes = (
         "modes are not known"
         if found.modes is None
         else figures.count_noun(found.modes, "distinct mode")
     )
-    yield "Cost per distinct mode", (figures.format_amount(found.per_mode_usd), modes)
+    yield "Cost per distinct mode", (figures.format_money(found.per_mode_usd), modes)
     yield "Time running", (format_seconds(time.active_s),)
     yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
     yield "Start-up", format_cost_share(time.startup_s, time.active_s)
@@ -140,7 +140,7 @@ def describe_cost_picture(name: str, group: Sequence[Spent]) -> ReportPicture:
     """The picture of these campaigns, in words."""
     sentences = (
         f"Campaign {each.subject.label}: {last.failures} failures for "
-        f"{figures.format_amount(last.usd)}."
+        f"{figures.format_money(last.usd)}."
         for each in group
         for last in each.found.curve[-1:]
     )

@@ -19,7 +19,7 @@ from eigenfail.versions import describe_mixed
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_reports.contents import MOST_CAMPAIGNS, Cell
 from eigenfail_services.campaigns.costs import find_newest
-from eigenfail_services.campaigns.summary import find_course, find_safety, find_summary
+from eigenfail_services.campaigns.summary import find_course, find_safety, summarise_campaign
 from eigenfail_services.store.store import Store
 
 LONGEST_LABEL = 36
@@ -116,7 +116,7 @@ def make_subject(store: Store, campaign: int, place: int) -> Subject:
     seen = store.campaigns.get(campaign)
     return Subject(
         campaign=seen,
-        summary=find_summary(store, seen),
+        summary=summarise_campaign(store, seen),
         course=find_course(store, seen),
         safety=find_safety(store, seen),
         analysis=find_newest(store, seen),

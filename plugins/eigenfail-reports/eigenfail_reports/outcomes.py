@@ -218,7 +218,7 @@ def price(subject: Subject) -> str:
     if subject.summary.counts.failures:
         return f"a failure cost {cost.value}{f' (95 %: {cost.interval})' if cost.interval else ''}"
     if subject.summary.cost.at_least_usd is None:
-        return f"{figures.format_amount(subject.summary.cost.total_usd)} were spent"
+        return f"{figures.format_money(subject.summary.cost.total_usd)} were spent"
     return f"a failure costs at least {cost.value.removeprefix('≥ ')} (95 %)"
 
 
@@ -238,7 +238,7 @@ FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
     FAILED_SHARE: lambda s: format_cell(s.summary.failure_rate).lines,
     "Cost per failure": lambda s: format_cost(s.summary.cost).lines,
     "Cost": lambda s: (
-        figures.format_amount(s.summary.cost.total_usd),
+        figures.format_money(s.summary.cost.total_usd),
         f"{figures.format_number(s.summary.cost.instance_hours)} instance-hours",
     ),
     "log p per step of the failures [nat]": lambda s: (

@@ -22,8 +22,8 @@ from eigenfail.gate.known import (
     make_known_findings,
     make_minimal_replay,
     make_mode_replays,
+    map_outcomes,
     needs_modes,
-    read_outcomes,
 )
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import Rerun, RerunSide, judge_rerun, read_figures
@@ -304,7 +304,7 @@ class Runner:
         (found,) = self._client.suites.find(Suite("", (replay.before.member,)))
         if found is None or found.state is not CampaignState.DONE:
             return replay.now
-        return drop_unproven(replay.now, read_outcomes(_index_episodes(self._client, found)))
+        return drop_unproven(replay.now, map_outcomes(_index_episodes(self._client, found)))
 
     def _judge_rerun(self, was: Campaign, now: Campaign, gate: GateRun) -> Rerun:
         """What became of a campaign that was run again."""

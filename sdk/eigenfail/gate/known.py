@@ -150,7 +150,7 @@ def make_known_findings(
     return tuple(found)
 
 
-def read_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
+def map_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
     """Return the outcomes of completed episodes, by index."""
     return {index: row.outcome for index, row in rows.items() if row.outcome is not Outcome.ERRORED}
 

@@ -287,7 +287,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
     if by is JudgedBy.EPISODE:
         return {index for index, verdict in worst.items() if verdict in closing}
     if pairs is None:
-        verdict = _judge_worst_rate(*campaigns, len(now.unresolved))
+        verdict = _judge_rate_in_worst_case(*campaigns, len(now.unresolved))
     else:
         # A pair that was fixed, and is in doubt now, fails on both sides in the worst case.
         was_fixed = len(before.failures.keys() & now.unresolved.keys())
@@ -301,7 +301,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
     return set(worst) if verdict in closing else set()
 
 
-def _judge_worst_rate(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:
+def _judge_rate_in_worst_case(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:
     """Judge a rate against the baseline's, episodes in doubt as failures of the new planner."""
     was, counts = before.counts, now.counts
     failures = counts.failures + counts.errored + unresolved

@@ -149,7 +149,7 @@ def shorten_report(report: GateReport) -> GateReport:
 def _drop_rerun_episodes(member: MemberReport) -> MemberReport:
     """Return a member without the episodes of its rerun, but for one that errored."""
     rerun = member.rerun
-    kept = _choose_errored(rerun.findings) if rerun else ()
+    kept = _pick_errored_example(rerun.findings) if rerun else ()
     if rerun is None or len(kept) == len(rerun.findings):
         return member
     notes = (*member.notes, LEFT_OUT.format(LARGEST_REPORT))
@@ -160,7 +160,7 @@ def _shorten_known(member: MemberReport) -> MemberReport:
     """Return a member with at most `MOST_KNOWN` known failures, and the numbers of the others."""
     if len(member.known) <= MOST_KNOWN:
         return member
-    errored = _choose_errored(member.known)
+    errored = _pick_errored_example(member.known)
     ordered = sorted(
         member.known,
         key=lambda each: (all(each is not kept for kept in errored), each.verdict not in CLOSING),
@@ -175,7 +175,7 @@ def _shorten_known(member: MemberReport) -> MemberReport:
     )
 
 
-def _choose_errored(findings: Sequence[GateFinding]) -> tuple[GateFinding, ...]:
+def _pick_errored_example(findings: Sequence[GateFinding]) -> tuple[GateFinding, ...]:
     """Return one episode that errored, not for the infrastructure if there is such a one."""
     errored = [each for each in findings if each.verdict is GateVerdict.CANNOT_RUN]
     return tuple(sorted(errored, key=lambda each: each.problem.startswith(INFRASTRUCTURE))[:1])

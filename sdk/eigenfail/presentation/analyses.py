@@ -259,7 +259,7 @@ def tabulate_moments(result: AnalysisResult) -> tables.Table:
     return tables.Table("Moments of greatest influence", columns, rows, (note,))
 
 
-def tabulate_influence(result: AnalysisResult) -> tables.Table:
+def tabulate_last_influence(result: AnalysisResult) -> tables.Table:
     """Return the share of the influence that lies in the last seconds before the collision."""
     together = choose_channel_words(result.channels).together
     titles = ("Of the time", *map(str.capitalize, (*result.channels, together)))

@@ -83,7 +83,7 @@ def format_usd(amount: float | None) -> str:
     return f"{amount:,.{decimals}f}"
 
 
-def format_amount(amount: float | None) -> str:
+def format_money(amount: float | None) -> str:
     """Return an amount of money with its unit."""
     return put_unit(format_usd(amount), "USD")
 

@@ -292,12 +292,12 @@ class Failures(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         indices: the episodes, in index order.
         noise: z of each, shape (steps of the episode, channels). [sigma]
-        seeds: seed of each.
+        seeds: seed of each; empty where they do not matter.
     """
 
     indices: tuple[int, ...]
     noise: tuple[Floats, ...]
-    seeds: tuple[int, ...]
+    seeds: tuple[int, ...] = ()
 
 
 class FailureCourse(msgspec.Struct, frozen=True, eq=False):

@@ -310,8 +310,8 @@ def describe_motion(
         step_s: duration of a step. [s]
         origin: moment from which times count.
     """
-    braking_mps2, braking = _describe_effort(-accelerations, times_s, step_s, origin)
-    raised_mps2, raised = _describe_effort(accelerations, times_s, step_s, origin)
+    braking_mps2, braking = _measure_effort(-accelerations, times_s, step_s, origin)
+    raised_mps2, raised = _measure_effort(accelerations, times_s, step_s, origin)
     if braking_mps2 >= SLIGHT_MPS2:
         text = f"The ego brakes at up to {braking_mps2:.1f} m/s² {braking}"
     elif braking_mps2 >= FAINT_MPS2:
@@ -323,7 +323,7 @@ def describe_motion(
     return f"{text}."
 
 
-def _describe_effort(
+def _measure_effort(
     strengths: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
 ) -> tuple[float, str]:
     """Return the median of the largest strengths of the failures, and the time span around them.

@@ -91,7 +91,7 @@ class _Known:
         return sum(failures for failures, _ in self.present.values())
 
     @property
-    def episodes(self) -> int:
+    def episodes_with(self) -> int:
         """Number of episodes of these releases."""
         return sum(episodes for _, episodes in self.present.values())
 
@@ -235,7 +235,7 @@ class _Comparison:
     def _see_present(self, mode: _Known, failures: int, source: int) -> Sighting:
         status, chance, same_as = ModeStatus.STILL_THERE, None, None
         if mode.is_absent:
-            chance = self._compare(failures, self._release.episodes, mode.episodes_without)
+            chance = self._correct_chance(failures, self._release.episodes, mode.episodes_without)
             same_as = self._find_contradiction(mode, is_present=True)
             is_back = chance <= LEVEL and same_as is None
             status = ModeStatus.REGRESSED if is_back else ModeStatus.UNDECIDED
@@ -255,7 +255,7 @@ class _Comparison:
             return Sighting(ModeStatus.NOT_MET)
         if mode.is_absent:
             return Sighting(ModeStatus.NOT_FOUND_AGAIN)
-        chance = self._compare(mode.failures, mode.episodes, mode.episodes_without)
+        chance = self._correct_chance(mode.failures, mode.episodes_with, mode.episodes_without)
         mode.is_absent = chance <= LEVEL
         status = ModeStatus.NOT_FOUND_AGAIN if mode.is_absent else ModeStatus.UNDECIDED
         return Sighting(status, 0, chance)
@@ -281,7 +281,7 @@ class _Comparison:
         mode.sightings.append(Sighting(status, failures, chance, piece.source, self._same_as))
         return mode
 
-    def _compare(self, failures: float, episodes: int, without: int) -> float:
+    def _correct_chance(self, failures: float, episodes: int, without: int) -> float:
         return min(1.0, len(self._known) * self._test(failures, episodes, without))
 
     def _test(self, failures: float, episodes: int, without: int) -> float:

@@ -245,8 +245,8 @@ class Rounds:
         expected = [task.index for task in self._open[0].tasks] if self._open else []
         if not expected or [result.index for result in ordered] != expected:
             raise ProtocolError(
-                f"Results {_span([r.index for r in ordered])} are not those of the oldest open "
-                f"round {_span(expected)}.",
+                f"Results {_format_indices([each.index for each in ordered])} are not those of the "
+                f"oldest open round {_format_indices(expected)}.",
                 "Deliver every round whole, once, oldest first.",
             )
         self._learner.observe(ordered)
@@ -350,5 +350,5 @@ def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[episode.Ep
         rounds.complete(results)
 
 
-def _span(indices: Sequence[int]) -> str:
+def _format_indices(indices: Sequence[int]) -> str:
     return f"{indices[0]}…{indices[-1]} ({len(indices)})" if indices else "(none)"

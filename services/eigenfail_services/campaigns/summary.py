@@ -58,12 +58,12 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     )
 
 
-def find_summary(store: Store, campaign: Campaign) -> Summary:
+def summarise_campaign(store: Store, campaign: Campaign) -> Summary:
     """Return the summary of a campaign as it stands."""
-    return summaries_of(store, [campaign])[0]
+    return summarise_campaigns(store, [campaign])[0]
 
 
-def summaries_of(store: Store, campaigns: Sequence[Campaign]) -> list[Summary]:
+def summarise_campaigns(store: Store, campaigns: Sequence[Campaign]) -> list[Summary]:
     """Return the summaries of campaigns in their order, with one query for all."""
     totals = store.figures.totals([campaign.id for campaign in campaigns])
     return [summarise(campaign, totals[campaign.id]) for campaign in campaigns]

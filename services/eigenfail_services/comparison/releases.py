@@ -37,7 +37,9 @@ DIGITS = 2
 """Significant digits of a probability."""
 
 
-def list_questions(store: Store, project: str | None = None) -> tuple[release.ReleaseQuestion, ...]:
+def list_tested_worlds(
+    store: Store, project: str | None = None
+) -> tuple[release.ReleaseQuestion, ...]:
     """Return the scenarios in which versions of a planner were tested, the newest first.
 
     Args:

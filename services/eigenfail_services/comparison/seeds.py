@@ -20,7 +20,7 @@ from eigenfail.values.summary import Summary
 from eigenfail.values.variation import in_words
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.summary import summaries_of
+from eigenfail_services.campaigns.summary import summarise_campaigns
 from eigenfail_services.comparison.comparability import (
     THINGS,
     Group,
@@ -72,7 +72,7 @@ def find_spreads(store: Store, campaigns: Sequence[int]) -> tuple[SeedSpread, ..
         NotFound: no such campaign.
     """
     found = [store.campaigns.get(campaign) for campaign in dict.fromkeys(campaigns)]
-    return make_spreads(found, summaries_of(store, found))
+    return make_spreads(found, summarise_campaigns(store, found))
 
 
 def make_spreads(
@@ -282,7 +282,7 @@ def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) 
     members = [(name, shown[name]) for name in newest if name in shown]
     columns = suites.shorten_paths(list_differing([each.spec for _, each in members]))
     found = [each for _, each in members]
-    summaries = summaries_of(store, found)
+    summaries = summarise_campaigns(store, found)
     return SuiteTable(
         suite=suite,
         columns=tuple(columns.values()),

@@ -33,7 +33,9 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
             if found.difference and found.is_sampled
             else []
         ),
-        _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
+        _describe_pair_test(pairs)
+        if pairs
+        else f"Episodes are not paired: {found.unpaired_because}",
         f"A failure costs {_format_price(a.cost)} with A, {_format_price(b.cost)} with B.",
         *_compare_likelihood(a, b),
         *([_compare_seeds(found.effect)] if found.effect else _explain_no_effect(a, b)),
@@ -83,7 +85,7 @@ def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:
     return excludes_none and is_exact
 
 
-def _describe_pairs(found: McNemar) -> str:
+def _describe_pair_test(found: McNemar) -> str:
     verdict = (
         "distinguishes them"
         if found.p_value < comparison.SIGNIFICANCE
@@ -171,11 +173,11 @@ def warn_of_unfinished(campaigns: Sequence[Campaign]) -> Iterator[str]:
 def _format_price(cost: Cost) -> str:
     if cost.per_failure_usd is not None and cost.interval_usd is not None:
         interval = figures.format_usd_interval(cost.interval_usd)
-        return f"{figures.format_amount(cost.per_failure_usd)} {interval}"
+        return f"{figures.format_money(cost.per_failure_usd)} {interval}"
     if cost.at_least_usd is not None:
-        return f"at least {figures.format_amount(figures.round_down(cost.at_least_usd))}"
+        return f"at least {figures.format_money(figures.round_down(cost.at_least_usd))}"
     if cost.per_failure_usd is not None:
-        return figures.format_amount(cost.per_failure_usd)
+        return figures.format_money(cost.per_failure_usd)
     return "an unknown amount"
 
 

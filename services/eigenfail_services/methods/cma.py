@@ -120,7 +120,7 @@ class EvolutionRun:
         self.draw = 0
         self.proposed = 0
         self.scores: list[Score] = []
-        self.distribution = self._start()
+        self.distribution = self._draw_first_distribution()
         self._candidates = self._draw_candidates()
 
     def take_candidates(self, n: int) -> Array:
@@ -158,11 +158,11 @@ class EvolutionRun:
             if deviation > self._settings.max_std:
                 self.distribution = self.distribution.narrow(self._settings.max_std / deviation)
             elif deviation < self._settings.converged:
-                self.distribution = self._start()
+                self.distribution = self._draw_first_distribution()
         self.proposed, self.scores = 0, []
         self._candidates = self._draw_candidates()
 
-    def _start(self) -> SearchDistribution:
+    def _draw_first_distribution(self) -> SearchDistribution:
         normals = self._random(START).standard_normal(self._dimension)
         return start_search(self._settings.first_spread * normals, self._settings.first_step)
 

@@ -3,7 +3,7 @@
 from eigenfail.values.access import Quotas, Usage
 from eigenfail.values.summary import MeanTime
 from eigenfail_api.dashboard.campaign_page import make_mean_tile
-from eigenfail_api.dashboard.cost_charts import describe_omitted
+from eigenfail_api.dashboard.cost_charts import describe_omitted_groups
 from eigenfail_api.dashboard.keys_page import list_quotas
 
 
@@ -27,6 +27,8 @@ def test_quotas_are_listed_with_what_is_used_of_them():
 
 
 def test_groups_that_a_chart_leaves_out_are_counted():
-    assert describe_omitted(0) == ()
-    assert describe_omitted(1) == ("1 older group of campaigns not shown; see /api/v1/costs.",)
-    assert describe_omitted(4)[0].startswith("4 older groups of campaigns")
+    assert describe_omitted_groups(0) == ()
+    assert describe_omitted_groups(1) == (
+        "1 older group of campaigns not shown; see /api/v1/costs.",
+    )
+    assert describe_omitted_groups(4)[0].startswith("4 older groups of campaigns")

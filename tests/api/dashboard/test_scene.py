@@ -84,7 +84,7 @@ def test_of_many_channels_the_strongest_come_first_and_the_others_on_demand():
     chart = make_noise_chart(NoiseTrajectory(z, np.ones_like(z)), 0.1, names)
     assert [*chart.data["channels"]][:3] == [names[5], names[2], names[6]]
     assert {*chart.data["channels"]} == {*names}
-    assert (chart.channels, chart.channels_at_first) == (7, 3)
+    assert (chart.channels, chart.first_channel_count) == (7, 3)
     assert len(read_headings(chart.table)) == len(read_rows(chart.table)[0]) == 2 + 2 * 3
     assert len(read_headings(chart.every)) == 2 + 2 * 7
     assert {len(row) for row in read_rows(chart.every)} == {2 + 2 * 7}

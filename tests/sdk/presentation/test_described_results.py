@@ -144,7 +144,7 @@ def test_no_influence_at_all_is_said_and_its_shares_are_dashes():
     nothing = share_of(2.0, 0.2, None, None, None)
     words = "Failures differ in no step of the last 2 s or before."
     assert analyses.describe_influence(nothing, AXES) == words
-    table = analyses.tabulate_influence(analysis(before_collision=(nothing,)))
+    table = analyses.tabulate_last_influence(analysis(before_collision=(nothing,)))
     assert texts(table) == [("Last 2 s", "20.0 %", "–", "–", "–")]
 
 
@@ -181,10 +181,10 @@ def test_tables_and_findings_have_the_names_of_the_channels(count):
     name = channels[-1].capitalize()
     assert texts(analyses.tabulate_moments(found)) == [(name, "at step 4", "0.250")]
     assert analyses.tabulate_moments(found).columns[0].title == "Channel"
-    titles = [column.title for column in analyses.tabulate_influence(found).columns]
+    titles = [column.title for column in analyses.tabulate_last_influence(found).columns]
     assert titles == ["Time", "Of the time", *(each.capitalize() for each in channels), "All"]
     dashes = ("–",) * (count - 1)
-    assert texts(analyses.tabulate_influence(found)) == [
+    assert texts(analyses.tabulate_last_influence(found)) == [
         ("Last 1 s", "10.0 %", *dashes, "25.0 %", "50.0 %")
     ]
     told = list(analyses.describe_findings(found))

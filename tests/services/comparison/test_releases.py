@@ -14,7 +14,7 @@ from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.comparison import releases
 from eigenfail_services.comparison.releases import (
     find_history,
-    list_questions,
+    list_tested_worlds,
     make_release_table,
 )
 from eigenfail_services.statistics.intervals import confidence_sequence
@@ -79,13 +79,13 @@ def test_other_questions_are_other_releases(store):
             {"scenario_parameters": {"distance_m": 53}, "seed": 6},
         )
     ]
-    questions = list_questions(store)
+    questions = list_tested_worlds(store)
     assert len(questions) == 1 + len(others)
     assert questions[0].versions == ("v1", "v3")
     table = make_release_table(store, first.id)
     assert table.releases[1].campaigns == tuple(each.id for each in alike)
     assert table.releases[1].failures == 18
-    assert [each.campaign for each in list_questions(store, "x")] == [alike[0].id]
+    assert [each.campaign for each in list_tested_worlds(store, "x")] == [alike[0].id]
 
 
 def test_a_repeated_campaign_counts_once(store):
@@ -312,4 +312,4 @@ def test_a_campaign_without_a_version_is_part_of_no_release(store):
         make_release_table(store, plain.id)
     with pytest.raises(NotFound):
         make_release_table(store, 99)
-    assert list_questions(store) == ()
+    assert list_tested_worlds(store) == ()

@@ -19,7 +19,7 @@ from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.testing.examples import result, spec
 from eigenfail.values.campaign import CampaignState
 from eigenfail.values.operations import Retention
-from eigenfail_services.campaigns.summary import find_safety, find_summary
+from eigenfail_services.campaigns.summary import find_safety, summarise_campaign
 from eigenfail_services.store import retention
 from eigenfail_services.store.campaign_creation import create_campaigns, request_one
 from eigenfail_services.store.engine import Database, find_backend
@@ -59,7 +59,7 @@ def figures(store: Store, campaign: int) -> list[object]:
     seen, episodes, sums = store.campaigns.get(campaign), store.episodes, store.figures
     return [
         seen,
-        find_summary(store, seen),
+        summarise_campaign(store, seen),
         find_safety(store, seen, 0.95),
         sums.course(campaign, 5),
         sums.spending(campaign),

@@ -91,7 +91,7 @@ class Child:
         self._handlers: dict[type[messages.Message], Callable[..., None]] = {
             messages.Setup: self._set_up,
             messages.PolicyUpdate: self._learn,
-            messages.Lease: self._lease,
+            messages.Lease: self._accept_lease,
             messages.Drop: self._drop,
         }
 
@@ -117,7 +117,7 @@ class Child:
         if engine := self._engines.get(message.campaign):
             engine.add_policy(message.policy)
 
-    def _lease(self, message: messages.Lease) -> None:
+    def _accept_lease(self, message: messages.Lease) -> None:
         # A lease may cross the message that declines its campaign: the hub leases it elsewhere.
         if message.campaign not in self._declined:
             self._waiting.extend((message.campaign, task) for task in message.tasks)

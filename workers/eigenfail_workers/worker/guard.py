@@ -55,7 +55,7 @@ def _guard(guarded: int) -> NoReturn:
             # Not reaped: until then the kernel gives the number of its group to no other process.
             if os.waitid(os.P_PID, guarded, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
                 break
-            _reap(_list_adopted(guarded))
+            _reap(_list_adopted_processes(guarded))
         _kill(guarded)
         _end_like(guarded)
     finally:
@@ -71,7 +71,7 @@ def _kill(guarded: int) -> None:
     # When it has ended, the guard has adopted its children.
     os.waitid(os.P_PID, guarded, os.WEXITED | os.WNOWAIT)
     until_s = time.monotonic() + KILL_S
-    while (left := _list_adopted(guarded)) and time.monotonic() < until_s:
+    while (left := _list_adopted_processes(guarded)) and time.monotonic() < until_s:
         for pid in left:
             with contextlib.suppress(PermissionError):  # it runs as another user now
                 os.kill(pid, signal.SIGKILL)
@@ -79,7 +79,7 @@ def _kill(guarded: int) -> None:
         _reap(left)
 
 
-def _list_adopted(guarded: int) -> list[int]:
+def _list_adopted_processes(guarded: int) -> list[int]:
     """Return the adopted processes, also those that have ended and are not reaped."""
     try:
         listed = Path(f"/proc/self/task/{os.getpid()}/children").read_text()

@@ -12,7 +12,7 @@ import pytest
 from store_checks.examples import analyse_function
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.presentation.figures import format_amount, format_utc
+from eigenfail.presentation.figures import format_money, format_utc
 from eigenfail.values.analysis import AnalysisSettings
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail.wire.http import decode
@@ -20,7 +20,7 @@ from eigenfail_reports.contents import Report, ReportTable
 from eigenfail_reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_reports.report import Made, make
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.summary import find_safety, find_summary
+from eigenfail_services.campaigns.summary import find_safety, summarise_campaign
 from eigenfail_services.comparison.seeds import find_spreads
 from eigenfail_services.store.store import Store, open_store
 
@@ -55,9 +55,9 @@ def test_a_campaign_without_failures_has_no_section_on_modes(store: Store, parse
     assert (row["failures"], row["cost_per_failure"], row["log_p_per_step"]) == (0, None, None)
     text = parse(made.html()).text
     assert "Campaign 2: no failure, so there is no mode." in text
-    cost = find_summary(store, store.campaigns.get(2)).cost
+    cost = summarise_campaign(store, store.campaigns.get(2)).cost
     assert row["cost_per_failure_at_least"] == cost.at_least_usd
-    assert f"≥ {format_amount(cost.at_least_usd)}" in text
+    assert f"≥ {format_money(cost.at_least_usd)}" in text
 
 
 def test_a_campaign_that_runs_or_waits_is_told_as_such(made: Made, page: Any) -> None:
@@ -72,7 +72,7 @@ def test_a_campaign_that_runs_or_waits_is_told_as_such(made: Made, page: Any) ->
 def test_the_numbers_are_those_of_the_store(made: Made, store: Store) -> None:
     for row in records(table(made.report, "results")):
         campaign = store.campaigns.get(row["campaign"])
-        summary = find_summary(store, campaign)
+        summary = summarise_campaign(store, campaign)
         assert row["failures"] == summary.counts.failures
         assert row["severity"] == summary.mean_severity
         assert row["log_p_per_step"] == summary.log_probability_per_step
@@ -418,7 +418,7 @@ def test_the_failure_probability_of_monte_carlo_is_its_failure_rate(
     made: Made, store: Store, page: Any
 ) -> None:
     for row in records(table(made.report, "results")):
-        summary = find_summary(store, store.campaigns.get(row["campaign"]))
+        summary = summarise_campaign(store, store.campaigns.get(row["campaign"]))
         rate = summary.failure_rate
         if rate is None:
             assert row["probability"] is row["probability_by"] is None
