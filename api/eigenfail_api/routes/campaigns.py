@@ -135,7 +135,7 @@ Items = Annotated[list[Any], Depends(parameters.plain_body(list))]
 
 
 def parse_labels(
-    project: Annotated[str | None, Query(description="Only campaigns of this project.")] = None,
+    project: parameters.Project = None,
     tag: Annotated[str | None, Query(description="Only campaigns with this tag.")] = None,
     planner_version: Annotated[
         str | None, Query(description="Only campaigns of this version of a planner.")

@@ -11,12 +11,11 @@ from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.records import EpisodeRow, Page
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route
-from eigenfail_api.parameters import LARGEST, Json, Stored
+from eigenfail_api.parameters import LARGEST, Json, Project, Stored
 from eigenfail_services.store.failures import MOST_FAILURES
 
 router = APIRouter(prefix=PREFIX, tags=["episodes"])
 
-Project = Annotated[str | None, Query(description="Only of campaigns of this project.")]
 Planner = Annotated[str | None, Query(description="Only of campaigns of this planner.")]
 Version = Annotated[
     str | None, Query(description="Only of campaigns of this version of a planner.")

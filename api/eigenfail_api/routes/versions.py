@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query
+from fastapi import APIRouter, Depends, Path
 
 from eigenfail.gate.report import GateReport
 from eigenfail.gate.results import GateResult, GateSummary, check_report
@@ -19,11 +19,9 @@ router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 # Both routes read up to 2,000 campaigns, so a crowd of requests is refused.
 RELEASES = Depends(ConcurrencyLimit("releases"), scope="function")
 
-Project = Annotated[str | None, Query(description="Only campaigns of this project.")]
-
 
 @router.get("/releases", dependencies=[RELEASES], **document_route(Page[ReleaseQuestion]))
-def list_releases(store: parameters.Stored, project: Project = None) -> parameters.Json:
+def list_releases(store: parameters.Stored, project: parameters.Project = None) -> parameters.Json:
     """List the scenarios in which versions of a planner were tested, the newest first."""
     return parameters.Json(Page(list_tested_worlds(store, project)))
 

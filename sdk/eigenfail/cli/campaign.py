@@ -167,7 +167,6 @@ Search = Annotated[
     str | None,
     typer.Option(help="Only campaigns whose name contains this text, ignoring case."),
 ]
-Project = Annotated[str | None, typer.Option(help="Only campaigns of this project.")]
 Tag = Annotated[str | None, typer.Option(help="Only campaigns with this tag.")]
 PlannerVersion = Annotated[
     str | None, typer.Option(help="Only campaigns of this version of a planner.")
@@ -193,7 +192,7 @@ def list_campaigns(
     state: State = None,
     method: Method = None,
     search: Search = None,
-    project: Project = None,
+    project: options.Project = None,
     tag: Tag = None,
     planner_version: PlannerVersion = None,
     sort: Sort = str(NEWEST_FIRST),

@@ -33,7 +33,7 @@ from eigenfail.values.operations import Versions
 from eigenfail.values.proof import Replayed
 from eigenfail.versions import CODE, differences, fingerprint_plugins, select_code, versions
 from eigenfail.wire.http import SHRINK_WITHIN
-from eigenfail.worlds import drawn_for, placed_for
+from eigenfail.worlds import drawn_for, find_robustness_unit, placed_for
 
 DIFFERENT = 1
 
@@ -243,7 +243,8 @@ def list_episodes(
         )
         return first_rows(picked, limit, partial(episodes.tabulate_fields, columns))
     found = client.episodes.list(campaign, outcome, filter=conditions, sort=sort)
-    return first_rows(found, limit, episodes.tabulate_episodes)
+    unit = find_robustness_unit(client.campaigns.get(campaign).spec)
+    return first_rows(found, limit, partial(episodes.tabulate_episodes, unit=unit))
 
 
 @app.command()
@@ -316,7 +317,6 @@ def show_episode(client: Client, episode: options.EpisodeId) -> CommandResult:
 for page in (replay, explain, shrink):
     app.command()(page)
 
-OfProject = Annotated[str | None, typer.Option(help="Only failures of this project.")]
 OfPlanner = Annotated[
     str | None,
     typer.Option(
@@ -344,7 +344,7 @@ OfArchived = Annotated[
 @prints_answer()
 def list_failures(
     client: Client,
-    project: OfProject = None,
+    project: options.Project = None,
     planner: OfPlanner = None,
     planner_version: OfPlannerVersion = None,
     method: OfMethod = None,

@@ -40,6 +40,7 @@ CampaignId = Annotated[
         autocompletion=completion.complete_campaigns,
     ),
 ]
+Project = Annotated[str | None, typer.Option(help="Only campaigns of this project.")]
 EpisodeId = Annotated[
     str, typer.Argument(metavar="CAMPAIGN/INDEX", help="An episode, such as 3/17.")
 ]

@@ -1,18 +1,14 @@
 """`eigenfail release`: the versions of a planner, and what became of each failure mode."""
 
-from typing import Annotated
-
 import typer
 
 from eigenfail.cli.answers import prints_answer
-from eigenfail.cli.options import CampaignId
+from eigenfail.cli.options import CampaignId, Project
 from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
 from eigenfail.presentation.releases import tabulate_questions, tabulate_releases
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
-
-Project = Annotated[str | None, typer.Option(help="Only campaigns of this project.")]
 
 
 @app.callback()

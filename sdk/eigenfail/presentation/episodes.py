@@ -27,12 +27,8 @@ CLASS = tables.read_text("Class", lambda row: format_class(row.assessed))
 LOG_P = tables.Reading(tables.TableColumn("log p", "nats", digits=LOG_P_DIGITS), "log_probability")
 SEVERITY = tables.read_number("Severity", "severity", "m²/s²")
 STEPS = tables.read_number("Steps", "steps")
-LISTED = (
-    EPISODE,
-    tables.read_text("Outcome", "outcome.word"),
-    CLASS,
-    STEPS,
-    tables.read_number("Robustness", "robustness_m", "m"),
+HOW_IT_ENDED = (EPISODE, tables.read_text("Outcome", "outcome.word"), CLASS, STEPS)
+MEASURED = (
     LOG_P,
     SEVERITY,
     tables.read_number("Min TTC", "min_ttc_s", "s"),
@@ -44,9 +40,10 @@ LISTED = (
 )
 
 
-def tabulate_episodes(rows: Iterable[EpisodeRow]) -> tables.Table:
-    """Return a list of episodes."""
-    return tables.tabulate("Episodes", rows, *LISTED)
+def tabulate_episodes(rows: Iterable[EpisodeRow], unit: str = "m") -> tables.Table:
+    """Return a list of episodes; `unit` is that of their robustness."""
+    robustness = tables.read_number("Robustness", "robustness_m", unit)
+    return tables.tabulate("Episodes", rows, *HOW_IT_ENDED, robustness, *MEASURED)
 
 
 def tabulate_failures(rows: Iterable[EpisodeRow]) -> tables.Table:
@@ -144,7 +141,9 @@ def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[st
                 value = figures.format_number(value, measure.digits)
             # A missing number is a dash by now; a missing text, such as a cause, tells nothing.
             if value is not None:
-                yield measure.heading, value
+                # The robustness of requirements is divided by their scales, and has no unit.
+                has_unit = absent or name != "robustness_m"
+                yield measure.heading if has_unit else measure.label, value
 
 
 def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[tuple[str, str]]:

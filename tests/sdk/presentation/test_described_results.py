@@ -11,7 +11,12 @@ from eigenfail.presentation.campaigns import (
     tabulate_course,
     tabulate_sides,
 )
-from eigenfail.presentation.episodes import list_episode_facts, list_measures, tabulate_thresholds
+from eigenfail.presentation.episodes import (
+    list_episode_facts,
+    list_measures,
+    tabulate_episodes,
+    tabulate_thresholds,
+)
 from eigenfail.testing.examples import spec
 from eigenfail.values.analysis import (
     AnalysedCampaign,
@@ -31,6 +36,7 @@ from eigenfail.values.measures import Measures
 from eigenfail.values.proof import ExplainedStep, Proof, Reproduction
 from eigenfail.values.records import Assessment, EpisodeDetail
 from eigenfail.values.summary import CampaignCost, Course, Errored, TimeSplit
+from eigenfail.worlds import find_robustness_unit
 from eigenfail_api.dashboard.scene import find_moments
 
 SAMPLED = Rate(0.25, 25, 100, Interval(0.175, 0.343))
@@ -398,3 +404,15 @@ def test_an_episode_of_a_function_lists_its_robustness_alone():
     assert names[1]["log p of gust"] == "−2.7568, −0.25000 relative to z = 0"
     assert names[1]["log p of x"] == "–, – relative to z = 0"
     assert names[1]["robustness"] == "0"
+
+
+def test_the_unit_of_robustness_is_that_of_its_campaign():
+    columns = [
+        tabulate_episodes([], unit).columns[4].heading
+        for unit in (find_robustness_unit(spec()), "")
+    ]
+    assert columns == ["Robustness [m]", "Robustness"]
+    plain, judged = Measures(2.0), Measures(0.4, nearest_m=2.0, violated=0)
+    found = [dict(list_measures(each, Assessment())) for each in (plain, judged)]
+    assert [each.get("robustness [m]") for each in found] == ["2.00", None]
+    assert found[1]["robustness"] == "0.400"
