@@ -78,6 +78,7 @@ OWN = {
     ),
     "docs/own_planner.md": (r"1/\d+ +collision", r"my_planner"),
     "docs/own_scenario.md": (r"1/\d+ +collision", r"queue_end"),
+    "docs/own_method.md": (r"1/\d+ +collision", r"hill_climb"),
     "docs/own_simulator.md": (r"1/\d+ +collision", r"10 passed"),
     "docs/any_function.md": (r"1/\d+ +collision", r"failures in 400 calls"),
     "docs/plugins.md": (r"budget +Count the episodes", r"29,956 episodes with", r"4 passed"),

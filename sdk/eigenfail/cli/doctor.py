@@ -7,7 +7,7 @@ from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import typer
@@ -22,7 +22,13 @@ from eigenfail.bridges import (
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Data, Database, Replay, Url
-from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, tabulate_checks
+from eigenfail.cli.plugin_checks import (
+    CONTRACTS,
+    CheckResult,
+    CheckVerdict,
+    check_plugins,
+    tabulate_checks,
+)
 from eigenfail.cli.render import show
 from eigenfail.cli.specs import ask_about_bridges, read_spec
 from eigenfail.client import Client
@@ -202,24 +208,11 @@ PLACE = "NAME|module:Class"
 app = typer.Typer(add_completion=False)
 
 
-PlannerPlugin = Annotated[
-    str | None,
-    typer.Option(
-        "--planner",
-        metavar=PLACE,
-        help="Check this planner.",
-        autocompletion=completion.complete_plugins(plugins.PLANNERS),
-    ),
-]
-ScenarioPlugin = Annotated[
-    str | None,
-    typer.Option(
-        "--scenario",
-        metavar=PLACE,
-        help="Check this scenario.",
-        autocompletion=completion.complete_plugins(plugins.SCENARIOS),
-    ),
-]
+def _make_option(kind: str) -> Any:
+    names = completion.complete_plugins(CONTRACTS[kind].group)
+    return typer.Option(metavar=PLACE, help=f"Check this {kind}.", autocompletion=names)
+
+
 BridgeAddress = Annotated[
     str | None,
     typer.Option("--bridge", metavar="ADDRESS", help="Check the bridge at this address."),
@@ -249,8 +242,9 @@ def doctor(
     data: Data = DEFAULT_DATA,
     database: Database = None,
     replay: Replay = 0,
-    planner: PlannerPlugin = None,
-    scenario: ScenarioPlugin = None,
+    planner: Annotated[str | None, _make_option("planner")] = None,
+    scenario: Annotated[str | None, _make_option("scenario")] = None,
+    method: Annotated[str | None, _make_option("method")] = None,
     bridge: BridgeAddress = None,
     campaign: BridgeCampaign = None,
     golden: GoldenFolder = None,
@@ -258,14 +252,15 @@ def doctor(
 ) -> None:
     """Check the installation, the service and the database.
 
-    Exits with 3 if something is wrong. --database also runs `eigenfail db verify`. --planner or
-    --scenario checks only that plug-in, and exits with 1 if it breaks its contract. --bridge runs
-    episodes on that bridge, and checks that it keeps to the protocol. With --campaign it only runs
-    an episode of that campaign. --golden writes one file for each kind of message between worker
-    and bridge, as bytes and as JSON, and checks nothing.
+    Exits with 3 if something is wrong. --database also runs `eigenfail db verify`. --planner,
+    --scenario or --method checks only that plug-in, and exits with 1 if it breaks its contract.
+    --bridge runs episodes on that bridge, and checks that it keeps to the protocol. With --campaign
+    it only runs an episode of that campaign. --golden writes one file for each kind of message
+    between worker and bridge, as bytes and as JSON, and checks nothing.
     """
     of_database: dict[str, object] = {"--replay": replay}
-    of_plugins: dict[str, object] = {"--planner": planner, "--scenario": scenario}
+    asked = {"planner": planner, "scenario": scenario, "method": method}
+    of_plugins: dict[str, object] = {f"--{kind}": place for kind, place in asked.items()}
     if golden:
         of_bridge: dict[str, object] = {"--bridge": bridge, "--campaign": campaign}
         _refuse_besides("--golden", {**of_bridge, **of_plugins, **of_database})
@@ -278,9 +273,11 @@ def doctor(
         return
     if campaign:
         raise InvalidValue("--campaign", "needs a bridge.", "Give its address with --bridge.")
-    if planner or scenario:
-        _refuse_besides("--planner" if planner else "--scenario", of_database)
-        _check_plugins(planner, scenario, as_json)
+    if given := [kind for kind, place in asked.items() if place]:
+        _refuse_besides(f"--{given[0]}", of_database)
+        with announce(f"Checking {' and '.join(filter(None, asked.values()))}"):
+            checks = check_plugins(asked)
+        _show_checks(checks, as_json, BROKEN)
         return
     findings = [
         *list_versions(),
@@ -305,13 +302,6 @@ def _refuse_besides(alone: str, others: Mapping[str, object]) -> None:
         if given:
             problem = f"cannot be combined with {alone}."
             raise InvalidValue(name, problem, "Run two separate commands.")
-
-
-def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> None:
-    """Hold plug-ins against their contracts."""
-    with announce(f"Checking {' and '.join(filter(None, (planner, scenario)))}"):
-        checks = check_plugins(planner, scenario)
-    _show_checks(checks, as_json, BROKEN)
 
 
 def _show_checks(checks: list[CheckResult], as_json: bool, exit_code: int) -> None:

@@ -1,7 +1,7 @@
 """Checks of a plug-in against its contract, each with a sentence on what breaks it."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from enum import StrEnum
 from functools import partial
@@ -16,6 +16,7 @@ from eigenfail.errors import EigenfailError, InvalidValue, describe_error, read_
 from eigenfail.presentation import tables
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect
+from eigenfail.testing.learner import LearnerSuite
 from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 
@@ -53,7 +54,7 @@ class Contract(NamedTuple):
                 check(self.subject(plugin))
 
             promise = (check.__doc__ or "").partition("\n")[0]
-            yield PluginCheck(check.__name__.replace("_", " "), promise, ask)
+            yield PluginCheck(check.__name__.removeprefix("test_").replace("_", " "), promise, ask)
 
 
 def _require_defaults(contract: Contract, plugin: Any) -> None:
@@ -69,8 +70,19 @@ def _make_planner_factory(plugin: Any) -> Callable[[], Any]:
     return lambda: plugin(read_settings(plugin.Settings, {}, "planner_settings"))
 
 
-PLANNER = Contract(plugins.PLANNERS, "Settings", PLANNER_CHECKS, _make_planner_factory)
+def _make_method_suite(plugin: Any) -> Any:
+    """Makes the conformance suite of a method, with a budget that outlasts usual rounds."""
+    return type("MethodSuite", (LearnerSuite,), {"method": plugin, "budget": 2_000})()
+
+
+METHOD_CHECKS = tuple(ask for name, ask in vars(LearnerSuite).items() if name.startswith("test_"))
 SCENARIO = Contract(plugins.SCENARIOS, "Parameters", SCENARIO_CHECKS, lambda plugin: plugin())
+CONTRACTS = {
+    "planner": Contract(plugins.PLANNERS, "Settings", PLANNER_CHECKS, _make_planner_factory),
+    "scenario": SCENARIO,
+    "method": Contract(plugins.METHODS, "Settings", METHOD_CHECKS, _make_method_suite),
+}
+"""The contract of each kind of plug-in, by the option that checks one."""
 
 
 PATIENCE_S = 60.0
@@ -98,15 +110,15 @@ class CheckResult(msgspec.Struct, frozen=True):
     said: str
 
 
-def check_plugins(planner: str | None, scenario: str | None) -> list[CheckResult]:
-    """Every check of the plug-ins given, by name or as module:Class.
+def check_plugins(asked: Mapping[str, str | None]) -> list[CheckResult]:
+    """Every check of the plug-ins given, each by its kind: a name, or module:Class.
 
     Raises:
         UnknownName: nothing of that name is registered.
         InvalidValue: it cannot be loaded.
     """
-    asked = [(PLANNER, planner), (SCENARIO, scenario)]
-    loaded = [(kind, place, _load(kind.group, place)) for kind, place in asked if place]
+    pairs = [(CONTRACTS[kind], place) for kind, place in asked.items() if place]
+    loaded = [(contract, place, _load(contract.group, place)) for contract, place in pairs]
     return [checked for found in loaded for checked in run_checks(*found)]
 
 
