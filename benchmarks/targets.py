@@ -84,6 +84,7 @@ TARGETS = {
     "drive.last_tenth": Target(high=0.2),
     "ast.transfer_worst": Target(low=0.9),
     "ast.merge_in_worst": Target(low=0.5),
+    "ast.fast_equals_sb3": Target(high=1e-6),
     "intervals.covered_min": Target(low=0.93),
     "intervals.low_bias_worst": Target(low=0.8),
     "foreign.stacks": Target(low=4.0),

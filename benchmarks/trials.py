@@ -34,6 +34,7 @@ from benchmarks.truth import (
     releases,
     requirements,
     splitting,
+    trainers,
     transfer,
     varied,
 )
@@ -117,6 +118,7 @@ TRIALS = [
         partial(transfer.from_one_scenario, "ast.wide", transfer.WIDE),
     ),
     Trial(("ast.merge_in_worst",), merge_by_default),
+    Trial(("ast.fast_equals_sb3",), trainers.find_difference),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),

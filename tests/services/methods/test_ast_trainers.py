@@ -3,10 +3,17 @@
 import msgspec
 import numpy as np
 import pytest
-import torch
+from benchmarks.truth.trainers import (
+    CHANNELS,
+    NETWORKS,
+    PAPER,
+    compare_updates,
+    copy_weights,
+    draw_as_given,
+    get_model,
+    make_transitions,
+)
 
-from eigenfail.values.learning import count_state
-from eigenfail_services.methods.ast.decisions import Decisions
 from eigenfail_services.methods.ast.settings import TRAINERS, AstSettings, make_trainer
 from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
 from eigenfail_services.methods.ast.trainer_sb3 import SacTrainer
@@ -33,70 +40,37 @@ def of(name):
     return msgspec.structs.replace(SETTINGS, trainer=name)
 
 
-def transitions(count, seed=0, channels=2):
-    random = np.random.default_rng(seed)
-    return Decisions(
-        states=random.normal(size=(count, count_state(channels))).astype(np.float32),
-        actions=random.uniform(-1, 1, (count, channels)).astype(np.float32),
-        rewards=random.uniform(-9000, 0, count).astype(np.float32),
-        next_states=random.normal(size=(count, count_state(channels))).astype(np.float32),
-        ends=(random.uniform(size=count) < 0.2).astype(np.float32),
-    )
+def transitions(count, seed=0):
+    return make_transitions(count, np.random.default_rng(seed), 2)
 
 
-class Rows:
-    """Stands in for the buffer's generator: the rows are known beforehand."""
-
-    def __init__(self, rows):
-        self._rows = iter(rows)
-
-    def integers(self, _high, size):
-        return next(self._rows)
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_an_update_with_the_papers_settings_is_that_of_stable_baselines3(channels):
+    assert max(compare_updates(PAPER, channels, SEED)) <= 1e-6
 
 
-def copy_weights(sac, fast):
-    """Set the fast trainer's networks to those of SB3's model."""
-    model = sac._model
-    trunk = [layer for layer in model.actor.latent_pi if isinstance(layer, torch.nn.Linear)]
-    for layer, (weight, bias) in zip(trunk, fast.actor.layers, strict=False):
-        weight[...], bias[...] = layer.weight.detach(), layer.bias.detach()
-    heads = (model.actor.mu, model.actor.log_std)
-    weight, bias = fast.actor.layers[-1]
-    weight[...] = torch.cat([head.weight for head in heads]).detach()
-    bias[...] = torch.cat([head.bias for head in heads]).detach()
-    for theirs, own in ((model.critic, fast.critics), (model.critic_target, fast.targets)):
-        for c, network in enumerate(theirs.q_networks):
-            layers = [layer for layer in network if isinstance(layer, torch.nn.Linear)]
-            for layer, (weight, bias) in zip(layers, own.layers, strict=True):
-                weight[c], bias[c] = layer.weight.detach(), layer.bias.detach()
-
-
-@pytest.mark.parametrize("channels", [1, 2, 5])
-def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_forty_updates_lead_to_the_same_weights(channels):
     sac, fast = SacTrainer(SETTINGS, channels, SEED), FastTrainer(SETTINGS, channels, SEED)
     copy_weights(sac, fast)
-    sac.add(transitions(150, channels=channels))
-    fast.add(transitions(150, channels=channels))
     random = np.random.default_rng(1)
+    given = make_transitions(150, random, channels)
+    sac.add(given)
+    fast.add(given)
     rows = random.integers(150, size=(40, BATCH))
     eps = random.standard_normal((40, 2, BATCH, channels), np.float32)
-    draws = iter(torch.from_numpy(eps.reshape(80, BATCH, channels)))
-    monkeypatch.setattr(
-        torch.distributions.normal, "_standard_normal", lambda *_args, **_kwargs: next(draws)
-    )
-    sac._buffer.generator = Rows(rows)
-    sac._model.train(gradient_steps=40, batch_size=BATCH)
+    with draw_as_given(sac, rows, eps):
+        get_model(sac).train(gradient_steps=40, batch_size=BATCH)
     for i in range(40):
         fast.step(fast.memory.select_rows(rows[i]), eps[i, 0], eps[i, 1])
-    mirror = FastTrainer(SETTINGS, channels, SEED)
+    mirror, started = (FastTrainer(SETTINGS, channels, SEED) for _ in range(2))
     copy_weights(sac, mirror)
-    started = FastTrainer(SETTINGS, channels, SEED)
     copy_weights(SacTrainer(SETTINGS, channels, SEED), started)
-    for name in ("actor", "critics", "targets"):
+    for name in NETWORKS:
         ours, theirs = getattr(fast, name).weights, getattr(mirror, name).weights
         assert np.abs(theirs - getattr(started, name).weights).max() > 1e-3, "nothing was learnt"
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=2e-5)
-    assert fast.entropy[0] == pytest.approx(float(sac._model.log_ent_coef.detach()), abs=1e-6)
+    assert fast.entropy[0] == pytest.approx(mirror.entropy[0], abs=1e-6)
 
 
 @pytest.mark.parametrize("name", TRAINERS)
