@@ -83,8 +83,7 @@ def from_prior(_source: PriorSource, context: NoiseContext) -> NoiseSource:
     shape = context.horizon, context.channels
     # Drawn row by row, a step each: a longer horizon leaves the first rows as they are, which
     # `CampaignNoise.choose` relies on.
-    draws = generator(context.seed).standard_normal(shape, dtype=np.float32)
-    return TrajectoryNoise(draws)
+    return TrajectoryNoise(generator(context.seed).standard_normal(shape, dtype=np.float32))
 
 
 def from_trajectory(source: TrajectorySource, context: NoiseContext) -> NoiseSource:

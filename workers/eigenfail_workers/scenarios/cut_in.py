@@ -13,9 +13,8 @@ from eigenfail.values.scene import Mission, VehicleState
 from eigenfail_workers import scenarios
 from eigenfail_workers.motion import minimum_jerk
 
-LEAST_STEPS = 100
 AFTERWARDS_S = 3.0
-"""Time for which an episode goes on after the manoeuvre, if it is longer than LEAST_STEPS."""
+"""Time for which an episode goes on after the manoeuvre, if it would end before."""
 
 GOAL_M = 1000.0
 
@@ -30,6 +29,8 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             follows its script, so that noise cannot change the time.
         final_offset_m: final distance between the centre lines of car and truck. Below 2.25 m their
             footprints overlap laterally.
+        dt_s: the frames of the paper are not known. 0.02 s over 14 s make the 700 steps that its
+            log p implies.
     """
 
     distance_m: Annotated[
@@ -42,7 +43,7 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ),
     ] = 58.0
     initial_gap_m: Annotated[
-        float, Meta(ge=80.0, le=120.0, description="Gap at the start [m].")
+        float, Meta(ge=80.0, le=140.0, description="Gap at the start [m].")
     ] = 94.0
     ego_speed_mps: Annotated[
         float, Meta(ge=22.0, le=25.0, description="Speed of the truck at the start [m/s].")
@@ -56,6 +57,8 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     final_offset_m: Annotated[
         float, Meta(ge=1.9, le=2.15, description="The car stays this far from the ego's line [m].")
     ] = 2.1
+    dt_s: Annotated[float, Meta(ge=0.02, le=0.1, description="Duration of a step [s].")] = 0.1
+    duration_s: Annotated[float, Meta(ge=10.0, le=20.0, description="Least duration [s].")] = 10.0
 
 
 class CutInSituation(msgspec.Struct, frozen=True):
@@ -102,15 +105,16 @@ class CutIn:
         closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
         begins_s = (parameters.initial_gap_m - parameters.distance_m) / closing_mps
         # A short distance at a low closing speed makes a late manoeuvre, which needs more steps.
-        over_s = begins_s + parameters.lane_change_s
-        actor_x_m = (
-            parameters.initial_gap_m + (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
-        )
+        least_s = max(parameters.duration_s, begins_s + parameters.lane_change_s + AFTERWARDS_S)
+        x_m = parameters.initial_gap_m + (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
+        car = scenarios.make_car(x_m, 1, parameters.actor_speed_mps)
+        mission = scenarios.make_mission(parameters.ego_speed_mps, GOAL_M)
         return CutInSituation(
-            mission=scenarios.make_mission(parameters.ego_speed_mps, GOAL_M),
-            steps=max(LEAST_STEPS, ceil((over_s + AFTERWARDS_S) / scenarios.DT_S)),
+            mission=msgspec.structs.replace(mission, dt_s=parameters.dt_s),
+            # Rounded before: 14 s in steps of 0.02 s are 700, and not one more for the last digit.
+            steps=ceil(round(least_s / parameters.dt_s, 6)),
             ego=scenarios.make_truck(parameters.ego_speed_mps),
-            actors=(scenarios.make_car(actor_x_m, 1, parameters.actor_speed_mps),),
+            actors=(car,),
             change_begins_s=begins_s,
             change_lasts_s=parameters.lane_change_s,
             final_offset_m=parameters.final_offset_m,
