@@ -31,11 +31,16 @@ PART = 250
 SEEDS, EVALUATED = 5, 100
 
 
+def find_steps(_pool: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
+    """The number of steps of an episode."""
+    steps = count_steps(read_example())
+    yield "paper.steps", Figure(value=steps, unit="steps", n=1, command=COMMAND)
+
+
 def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
-    """Steps, noise without learning at both scales, and what `ast` finds with less noise."""
+    """Noise without learning at both scales, and what `ast` finds with less noise."""
     spec = msgspec.structs.replace(read_example(), seed=seed)
     steps = count_steps(spec)
-    yield "paper.steps", Figure(value=steps, unit="steps", n=1, command=COMMAND)
     for name, scale in SCALES.items():
         place, here = f"paper_steps.{name}", scale_noise(spec, scale)
         yield from describe_noise(pool, place, here, steps)
