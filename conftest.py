@@ -1,5 +1,6 @@
 """Fixtures of all tests, of the core and of the plug-ins."""
 
+import gc
 import os
 import sys
 import tempfile
@@ -41,6 +42,18 @@ settings.load_profile("here")
 FOLDERS = [f"{Path(__file__).parent}/tests/{name}" for name in ("plugins", "support")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_planes,eigenfail_sleeping"
+
+# As `make` does. Without compiled files each process that a test starts compiles all sources anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+gc.disable()  # until all tests are collected: what collecting makes stays
+
+
+def pytest_collection_finish() -> None:
+    """Let the collector of garbage never look at the tests themselves again."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 LONG = ("service", "browser")
