@@ -46,14 +46,7 @@ os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_planes,eigenfail_sle
 # As `make` does. Without compiled files each process that a test starts compiles all sources anew.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-gc.disable()  # until all tests are collected: what collecting makes stays
-
-
-def pytest_collection_finish() -> None:
-    """Let the collector of garbage never look at the tests themselves again."""
-    gc.collect()
-    gc.freeze()
-    gc.enable()
+gc.disable()  # until all tests are collected, which stay
 
 
 LONG = ("service", "browser")
@@ -65,6 +58,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     A process that is alone with a long file at the end would hold up all others.
     """
+    gc.freeze()
+    gc.enable()
     long = {item.path for item in items if any(map(item.get_closest_marker, LONG))}
     items.sort(key=lambda item: item.path not in long)
     for item in items:

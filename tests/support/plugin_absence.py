@@ -45,12 +45,9 @@ def find_caches() -> Iterator[tuple[ModuleType, str, Any]]:
     """What is kept of entry points. A database in memory has the tables that they name."""
     from eigenfail_services.store import store
 
-    for module, name in (
-        (plugins, "list_entry_points"),
-        (plugins, "load"),
-        (store, "_empty_image"),
-    ):
-        yield module, name, getattr(module, name)
+    for name in ("list_entry_points", "load"):
+        yield plugins, name, getattr(plugins, name)
+    yield store, "_empty_image", store._empty_image
 
 
 def forget_entry_points() -> None:
