@@ -1,5 +1,6 @@
 """Fixtures of all tests, of the core and of the plug-ins."""
 
+import gc
 import os
 import sys
 import tempfile
@@ -42,6 +43,11 @@ FOLDERS = [f"{Path(__file__).parent}/tests/{name}" for name in ("plugins", "supp
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_planes,eigenfail_sleeping"
 
+# As `make` does. Without compiled files each process that a test starts compiles all sources anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+gc.disable()  # until all tests are collected, which stay
+
 
 LONG = ("service", "browser")
 """Marks of tests that wait for processes, for a minute or more in one file."""
@@ -52,6 +58,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     A process that is alone with a long file at the end would hold up all others.
     """
+    gc.freeze()
+    gc.enable()
     long = {item.path for item in items if any(map(item.get_closest_marker, LONG))}
     items.sort(key=lambda item: item.path not in long)
     for item in items:

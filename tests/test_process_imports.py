@@ -161,8 +161,8 @@ def use_local_service(recorder: Recorder, folder: Path) -> None:
     with local_service(plan) as service, Client(service.address.url) as client:
         recorder.take(API="API: start")
         for method, fields in CAMPAIGNS.items():
-            simple = {"planner": "idm", "simulator": "point_mass"} | fields
-            real = {"method": method, "planner": "rulebook", "episodes": 40}
+            simple = fields | {"planner": "idm", "simulator": "point_mass", "episodes": 18}
+            real = {"method": method, "planner": "rulebook", "episodes": 8}
             campaign = run_campaign(client, **real if method == "monte_carlo" else simple)
             recorder.take(API="API: campaigns and analyses", learner=f"learner of {method}")
         analysis = client.analyses.create(campaign).id
@@ -180,7 +180,7 @@ def use_ray(recorder: Recorder, folder: Path) -> None:
     """Run a campaign with a worker of Ray. Its API does what that of the other service did."""
     plan = Plan(folder / "ray", port=0, launcher=Launcher.RAY, workers=1)
     with local_service(plan) as service, Client(service.address.url) as client:
-        run_campaign(client, method="monte_carlo", planner="rulebook", episodes=40)
+        run_campaign(client, method="monte_carlo", planner="rulebook", episodes=8)
     recorder.take(API="", learner="learner of monte_carlo")
 
 

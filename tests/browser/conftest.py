@@ -8,6 +8,7 @@ import deadlines
 import numpy as np
 import pytest
 from accepted import accept_spec
+from made_once import make_once
 from msgspec.structs import replace
 from playwright.sync_api import expect, sync_playwright
 from served import serve
@@ -270,11 +271,14 @@ def serving(store):
 @pytest.fixture(scope="session")
 def template(tmp_path_factory):
     """A database file that was filled, and the ids of what is in it; every module copies it."""
-    file = tmp_path_factory.mktemp("template") / "eigenfail.db"
-    opened = open_store(f"sqlite:///{file}")
-    made = fill(opened)
-    opened.close()
-    return file, made
+
+    def make(folder):
+        opened = open_store(f"sqlite:///{folder / 'eigenfail.db'}")
+        made = fill(opened)
+        opened.close()
+        return f"{folder / 'eigenfail.db'}", vars(made)
+
+    return make_once(tmp_path_factory, "browser", make)
 
 
 @pytest.fixture(scope="module")
@@ -288,7 +292,7 @@ def store(template, tmp_path_factory):
 @pytest.fixture(scope="module")
 def made(template):
     """Ids of what the store was filled with."""
-    return SimpleNamespace(**vars(template[1]))
+    return SimpleNamespace(**template[1])
 
 
 @pytest.fixture(scope="module")

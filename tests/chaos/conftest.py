@@ -9,6 +9,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 
+from made_once import make_once
 from stage import Stage
 
 
@@ -32,7 +33,11 @@ def stage(sqlite_template: Path, tmp_path: Path) -> Iterator[Stage]:
 @pytest.fixture(scope="session")
 def undisturbed(sqlite_template: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The digests of the campaigns of `Stage.launch` on a day on which nothing dies."""
-    folder = tmp_path_factory.mktemp("calm")
+    return make_once(tmp_path_factory, "calm", lambda folder: find_digests(sqlite_template, folder))
+
+
+def find_digests(sqlite_template: Path, folder: Path) -> dict[str, str]:
+    """Run the campaigns of `Stage.launch`, and say what digests they have."""
     shutil.copy(sqlite_template, folder / "eigenfail.db")
     calm = Stage(f"sqlite:///{folder / 'eigenfail.db'}", folder)
     try:

@@ -16,6 +16,7 @@ from typed_pages import (
     blocks,
     check,
     commands,
+    demo_in,
     reason,
     seen,
     shell,
@@ -109,19 +110,14 @@ AFTER_DEMO = {
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """What `make demo` leaves behind, with fewer episodes: 1 Monte Carlo, 2 AST, 3 DiFS."""
-    with shell(tmp_path_factory.mktemp("demo")) as here:
-        here.run("eigenfail up --data demo-data")
-        here.type("export EIGENFAIL_DATA=demo-data")
-        here.run("eigenfail run examples/monte_carlo.toml --episodes 20")
-        here.run("eigenfail run examples/ast.toml --episodes 150")
-        here.run("eigenfail run examples/difs.toml --episodes 100")
+    methods = ("monte_carlo", 20), ("ast", 150), ("difs", 100)
+    with demo_in(tmp_path_factory.mktemp("demo"), *methods) as here:
         yield here
 
 
 @pytest.mark.parametrize("page", OWN)
 def test_a_page_with_a_service_of_its_own_runs(page, tmp_path):
-    with shell(tmp_path, cheaper=()) as here:
+    with shell(tmp_path) as here:
         type_in(page, here, NOT_RUN)
         seen(here.output, OWN[page])
 

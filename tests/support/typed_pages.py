@@ -8,7 +8,7 @@ the first line of a block, is written. These things differ from what a reader ty
 - who starts the one worker: Ray on one page and the test on the others
 - `eigenfail` is warm_command.py's, except on pages that activate the environment
 - an episode whose line says "a number from the list" is the first that a line before has listed
-- budgets, as REPLACED, CHEAPER (but for the quickstart) and SHARE say
+- budgets, as REPLACED, CHEAPER and SHARE say
 """
 
 import os
@@ -45,6 +45,7 @@ CHEAPER = (
     ("challenges.toml", "episodes = 400", "episodes = 8"),
     ("ast.toml", "episodes = 400", "episodes = 40"),
     ("ast.toml", "[settings]", "[settings]\ngradient_steps = 1"),
+    ("difs.toml", "[settings]", "[settings]\nfirst_steps = 30\nsteps = 10"),
 )
 """What is replaced in which file of examples/, and by what."""
 
@@ -58,6 +59,7 @@ REPLACED = {
     "--replay 20": "--replay 3",
     "--seeds 5": "--seeds 2",
     "monte_carlo.toml --episodes 400": "monte_carlo.toml --episodes 40",
+    "ast.toml --episodes 300": "ast.toml --episodes 150",
 }
 SHARE = 2
 """A campaign in a file that a page has its reader write runs one episode of so many."""
@@ -246,11 +248,11 @@ class Shell:
 
 
 @contextmanager
-def shell(folder, cheaper=CHEAPER):
+def shell(folder):
     """A shell in a copy of what a clone holds and its pages use."""
     clone, site = folder / "clone", folder / "site"
     shutil.copytree(ROOT / "examples", clone / "examples")
-    for name, stands, instead in cheaper:
+    for name, stands, instead in CHEAPER:
         file = clone / "examples" / name
         text = file.read_text()
         assert stands in text
@@ -262,6 +264,17 @@ def shell(folder, cheaper=CHEAPER):
         yield found
     finally:
         found.close()
+
+
+@contextmanager
+def demo_in(folder, *methods):
+    """What `make demo` leaves behind, with fewer episodes of the first of its methods."""
+    with shell(folder) as here:
+        here.run("eigenfail up --data demo-data")
+        here.type("export EIGENFAIL_DATA=demo-data")
+        for method, episodes in methods:
+            here.run(f"eigenfail run examples/{method}.toml --episodes {episodes}")
+        yield here
 
 
 def type_in(page, here, not_run, kinds=NO_KINDS):

@@ -6,7 +6,7 @@ import shutil
 import deadlines
 import pytest
 from cli_reference import write_commands
-from typed_pages import seen, shell, type_in
+from typed_pages import demo_in, seen, shell, type_in
 from typer.testing import CliRunner
 
 from eigenfail.cli.main import app
@@ -48,13 +48,8 @@ NAMED = re.compile(rf"(?<![\w/])(?:{FOLDER}|examples|benchmarks)/[\w./-]+\.\w+")
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """What `make demo` leaves behind, with fewer episodes: 1 Monte Carlo, 2 AST, 3 DiFS."""
-    with shell(tmp_path_factory.mktemp("demo")) as here:
-        here.run("eigenfail up --data demo-data")
-        here.type("export EIGENFAIL_DATA=demo-data")
-        here.run("eigenfail run examples/monte_carlo.toml --episodes 20")
-        here.run("eigenfail run examples/ast.toml --episodes 150")
-        here.run("eigenfail run examples/difs.toml --episodes 100")
+    methods = ("monte_carlo", 20), ("ast", 60)
+    with demo_in(tmp_path_factory.mktemp("demo"), *methods) as here:
         yield here
 
 

@@ -200,7 +200,7 @@ def test_failures_that_need_not_be_collisions_strike_nothing():
         assert len(motion.contacts) == known
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.permutations(range(30)), st.integers(0, 3))
 def test_the_order_in_which_failures_were_found_and_read_does_not_matter(order, seed):
     _, accelerations, others = make_planted(seed, 30)
