@@ -311,13 +311,18 @@ class PluginWorld(CampaignWorld):
         )
 
     def find_form(self, spec: CampaignSpec) -> EpisodeForm:
-        """Return the most steps and the longest step at any corner of the parameters."""
-        scenario, steps, step_s = self._scenario(spec), 0, 0.0
-        for corner in self.variation(spec).corners():
-            situation = scenario(corner, spec.seed)
-            steps = max(steps, situation.steps)
-            step_s = max(step_s, situation.mission.dt_s)
-        return EpisodeForm(steps, step_s, self.channels(spec))
+        """Return the most steps at any corner of the parameters, and the duration of a step.
+
+        Raises:
+            InvalidValue: steps differ in duration.
+        """
+        scenario, corners = self._scenario(spec), self.variation(spec).corners()
+        situations = [scenario(corner, spec.seed) for corner in corners]
+        if len(durations := {each.mission.dt_s for each in situations}) > 1:
+            problem = "the duration of a step varies, and a campaign has one for all episodes."
+            raise InvalidValue("scenario_parameters", problem, "Give it one value.")
+        steps = max(each.steps for each in situations)
+        return EpisodeForm(steps, durations.pop(), self.channels(spec))
 
     def parameters_type(self, spec: CampaignSpec) -> type[msgspec.Struct]:
         """Return the scenario's `Parameters`."""
