@@ -77,6 +77,7 @@ def test_time_headway_has_the_smallest_one_minus_its_limit() -> None:
     [
         ([0.0, -4.0, 0.0], [NEVER_S] * 3, [NEVER_S] * 3, -1.0),
         ([0.0, -2.0, 1.0], [NEVER_S] * 3, [NEVER_S] * 3, 1.0),
+        ([1.0, 2.0], [NEVER_S] * 2, [NEVER_S] * 2, 3.0),
         # A vehicle on the way to a collision, or close ahead, is a cause,
         ([0.0, -4.0, 0.0], [5.0] * 3, [NEVER_S] * 3, 3.0),
         ([0.0, -4.0, 0.0], [NEVER_S] * 3, [1.0] * 3, 3.0),
