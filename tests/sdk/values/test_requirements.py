@@ -125,6 +125,11 @@ def test_a_measure_that_is_not_reported_cannot_be_judged() -> None:
         limit.find_robustness(drive(Measures(1.0)))
 
 
+def test_a_formula_is_not_judged_on_one_number_that_is_not_finite() -> None:
+    with pytest.raises(SimulatorError, match="gap_m is not finite"):
+        Formula(formula="always (gap_m > 0)").find_robustness(drive(gap_m=[9.0, np.inf]))
+
+
 def test_a_formula_is_judged_over_the_whole_course() -> None:
     formula = Formula(formula="always((gap_m < 5) implies (eventually[0:1] (gap_m >= 5)))")
     assert formula.find_robustness(drive(gap_m=[9.0, 4.0, 4.5, 6.0, 9.0])) == 1.0
