@@ -298,6 +298,13 @@ def test_an_analysis_is_asked_for_only_where_none_is_coming(store):
     assert find_problem() == asked
 
 
+def test_failures_whose_scenes_are_not_stored_are_not_compared(store, monkeypatch):
+    made = release(store, "v1", {"late": 20})
+    monkeypatch.setattr(store.episodes, "mode_courses", lambda *_: {})
+    problem = make_release_table(store, made.id).releases[0].problem
+    assert problem == "The scenes of the failures of campaign 1 are not stored."
+
+
 def test_an_analysis_of_a_running_campaign_is_not_compared(store):
     source = AnalysedCampaign(campaign=1, episodes=20, failures=20, running=True)
     early = release(store, "v1", {"late": 20}, result={"sources": (source,)})
