@@ -202,3 +202,5 @@ def takes_any_text(store: Store) -> None:
         equal(store.episodes.commit(campaign.id, [delivery]), [KEPT], "An odd text's verdict")
         row = store.episodes.page(campaign.id, 1, after=index - 1).items[0]
         expect(row.problem.startswith(f"planner: {text[:3]}"), f"Its problem: {row.problem!r}.")
+    deliver(store, campaign, result(4, measures=Measures(0.1, cause="nul\x00nul")))
+    equal(store.episodes.get(campaign.id, 4).measures, Measures(0.1, cause="nul�nul"), "A cause")
