@@ -252,6 +252,8 @@ def test_groups_that_chance_makes_are_called_so(store):
     assert table.title == "Failure modes"
     three = release(store, "v3", {"late": 20}, seed=2, result=alike, scenario="merge_in")
     assert make_release_table(store, three.id).title == "Groups of failures"
+    release(store, "v3", {"late": 20}, seed=3, scenario="merge_in")  # modes of one campaign alone
+    assert make_release_table(store, three.id).title == "Groups of failures"
 
 
 def test_the_triage_of_the_newest_sighting_is_shown_and_what_was_fixed_is_noted(store):
