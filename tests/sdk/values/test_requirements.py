@@ -81,6 +81,7 @@ def test_time_headway_has_the_smallest_one_minus_its_limit() -> None:
         # A vehicle on the way to a collision, or close ahead, is a cause,
         ([0.0, -4.0, 0.0], [5.0] * 3, [NEVER_S] * 3, 3.0),
         ([0.0, -4.0, 0.0], [NEVER_S] * 3, [1.0] * 3, 3.0),
+        ([0.0, -4.0, 0.0], [6.0] * 3, [1.5] * 3, -1.0),
         # and for a second after it is gone; the planner decided on the state before the step.
         ([0.0, 0.0, 0.0, -4.0], [5.0, NEVER_S, NEVER_S, NEVER_S], [NEVER_S] * 4, 3.0),
         ([0.0, 0.0, 0.0, 0.0, -4.0], [5.0, *[NEVER_S] * 4], [NEVER_S] * 5, -1.0),
