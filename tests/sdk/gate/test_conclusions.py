@@ -31,6 +31,7 @@ def judged_by_rate(kind, failures, **fields):
         ),
         ([(SEARCH, 0)], "25.0 % of pairs of runs (the baseline found none in 1: there one failure"),
         ([(CHANCE, 0)], "by its rate, in up to about 50.0 % of pairs of runs (the baseline"),
+        ([(CHANCE, 3), (SEARCH, 3)], "modes, in up to about 7.4 % of pairs of runs; failures of a"),
         (
             [(CHANCE, 3), (SEARCH, 0)],
             "in up to about 28.8 % of pairs of runs (the baseline found none in",

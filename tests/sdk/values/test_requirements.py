@@ -77,9 +77,11 @@ def test_time_headway_has_the_smallest_one_minus_its_limit() -> None:
     [
         ([0.0, -4.0, 0.0], [NEVER_S] * 3, [NEVER_S] * 3, -1.0),
         ([0.0, -2.0, 1.0], [NEVER_S] * 3, [NEVER_S] * 3, 1.0),
+        ([1.0, 2.0], [NEVER_S] * 2, [NEVER_S] * 2, 3.0),
         # A vehicle on the way to a collision, or close ahead, is a cause,
         ([0.0, -4.0, 0.0], [5.0] * 3, [NEVER_S] * 3, 3.0),
         ([0.0, -4.0, 0.0], [NEVER_S] * 3, [1.0] * 3, 3.0),
+        ([0.0, -4.0, 0.0], [6.0] * 3, [1.5] * 3, -1.0),
         # and for a second after it is gone; the planner decided on the state before the step.
         ([0.0, 0.0, 0.0, -4.0], [5.0, NEVER_S, NEVER_S, NEVER_S], [NEVER_S] * 4, 3.0),
         ([0.0, 0.0, 0.0, 0.0, -4.0], [5.0, *[NEVER_S] * 4], [NEVER_S] * 5, -1.0),
@@ -122,6 +124,11 @@ def test_a_measure_that_is_not_reported_cannot_be_judged() -> None:
     limit = MeasureLimit(measure="max_jerk_mps3", at_most=9.0)
     with pytest.raises(SimulatorError, match="does not report"):
         limit.find_robustness(drive(Measures(1.0)))
+
+
+def test_a_formula_is_not_judged_on_one_number_that_is_not_finite() -> None:
+    with pytest.raises(SimulatorError, match="gap_m is not finite"):
+        Formula(formula="always (gap_m > 0)").find_robustness(drive(gap_m=[9.0, np.inf]))
 
 
 def test_a_formula_is_judged_over_the_whole_course() -> None:

@@ -226,6 +226,14 @@ def test_a_side_of_several_kinds_is_warned_of(store: Store) -> None:
     assert "The campaigns of A differ among themselves in planner." in warned
 
 
+def test_a_side_that_services_of_two_versions_ran_is_told_without_advice(store: Store) -> None:
+    a, b = campaign(store, range(5)), campaign(store, range(5), planner="idm")
+    for version in ("1.0.0", "1.1.0"):
+        store.campaigns.begin_part(b, {"eigenfail": version})
+    (warned,) = compare(store, [a], [b]).warnings
+    assert warned.startswith(f"Campaign {b} went on with other versions after 50 results:")
+
+
 @pytest.mark.parametrize(("a", "b"), [([], [1]), ([1], []), ([1, 1], [2]), ([1, 2], [2])])
 def test_every_campaign_counts_once(store: Store, a, b) -> None:
     with pytest.raises(InvalidValue, match=r"names no campaign|is listed twice"):

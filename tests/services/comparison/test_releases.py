@@ -252,6 +252,8 @@ def test_groups_that_chance_makes_are_called_so(store):
     assert table.title == "Failure modes"
     three = release(store, "v3", {"late": 20}, seed=2, result=alike, scenario="merge_in")
     assert make_release_table(store, three.id).title == "Groups of failures"
+    release(store, "v3", {"late": 20}, seed=3, scenario="merge_in")  # modes of one campaign alone
+    assert make_release_table(store, three.id).title == "Groups of failures"
 
 
 def test_the_triage_of_the_newest_sighting_is_shown_and_what_was_fixed_is_noted(store):
@@ -296,6 +298,13 @@ def test_an_analysis_is_asked_for_only_where_none_is_coming(store):
     assert find_problem() == "Campaign 1 is not analysed yet: analysis 1 is running."
     store.analyses.fail(1, "It was too large.")
     assert find_problem() == asked
+
+
+def test_failures_whose_scenes_are_not_stored_are_not_compared(store, monkeypatch):
+    made = release(store, "v1", {"late": 20})
+    monkeypatch.setattr(store.episodes, "mode_courses", lambda *_: {})
+    problem = make_release_table(store, made.id).releases[0].problem
+    assert problem == "The scenes of the failures of campaign 1 are not stored."
 
 
 def test_an_analysis_of_a_running_campaign_is_not_compared(store):

@@ -130,6 +130,16 @@ def test_a_worker_that_leaves_costs_its_campaigns_nothing() -> None:
     assert crew.share(1) == pytest.approx(0.5, abs=0.03)
 
 
+def test_a_lease_that_ends_unused_leaves_its_campaign_the_next_turn() -> None:
+    leases = seated(0)
+    for campaign in (1, 2):
+        leases.offer(campaign, tasks(9))
+    for worker in (b"a", b"b"):
+        leases.open_session(worker, Hello(PROTOCOL, "x", 1), 0.0)
+        assert [each.campaign for each in leases.assign()] == [1]
+        leases.end_session(worker)
+
+
 class Opcodes:
     """Counts what the interpreter does within the block."""
 

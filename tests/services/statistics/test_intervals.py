@@ -9,7 +9,12 @@ from scipy.special import betaln, xlog1py, xlogy
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import ERROR, Z, find_interval, find_upper_bound, wilson
 from eigenfail.values.estimates import Interval
-from eigenfail_services.statistics.intervals import clopper_pearson, confidence_sequence, rate
+from eigenfail_services.statistics.intervals import (
+    bound_sequence,
+    clopper_pearson,
+    confidence_sequence,
+    rate,
+)
 
 
 @st.composite
@@ -163,6 +168,12 @@ def test_a_confidence_sequence_is_wider_than_one_look(
     k, n = share
     sequence, once = confidence_sequence(k, n), clopper_pearson(k, n)
     assert sequence.high - sequence.low > 0.99 * (once.high - once.low)
+
+
+def test_doubtful_trials_raise_the_upper_end_of_a_sequence_alone() -> None:
+    low, high = confidence_sequence(3, 40).low, confidence_sequence(5, 40).high
+    assert bound_sequence(3, 40, doubtful=2) == Interval(low, high)
+    assert bound_sequence(39, 40, doubtful=2).high == 1.0
 
 
 def test_a_rate_says_what_it_rests_on() -> None:

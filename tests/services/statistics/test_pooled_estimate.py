@@ -31,7 +31,8 @@ def test_many_that_are_alike_are_as_good_as_the_square_root_of_their_number():
 
 
 def test_the_mean_of_lower_bounds_is_a_lower_bound_however_well_they_agree():
-    found = pool_estimates([estimate(1e-4, 0.04, by="importance sampling", bound="lower")] * 4)
+    bounds = [estimate(1e-4, 0.04, by="importance sampling", bound="lower")] * 3
+    found = pool_estimates([*bounds, estimate(1e-4, 0.04)])  # one is enough
     assert found.probability == pytest.approx(1e-4)
     assert (found.bound, found.interval) == ("lower", None)
 

@@ -88,7 +88,8 @@ def keeps_the_first(store: Store) -> None:
     equal(counts(store, campaign), Counts(10, completed=2, duplicates=3), "Counts")
     alarms = store.events.after(events, 10)
     equal([e.kind for e in alarms], ["episode.alarm"] * 2, "Events of two alarms")
-    expect(WORKER in alarms[0].message, "The alarm does not name the worker.")
+    told = f"Worker {WORKER} brought another result of episode 0 "
+    expect(all(told in e.message for e in alarms), "An alarm does not name worker and episode.")
 
 
 def runs_other_work_while_it_commits(store: Store) -> None:
@@ -203,3 +204,5 @@ def takes_any_text(store: Store) -> None:
         equal(store.episodes.commit(campaign.id, [delivery]), [KEPT], "An odd text's verdict")
         row = store.episodes.page(campaign.id, 1, after=index - 1).items[0]
         expect(row.problem.startswith(f"planner: {text[:3]}"), f"Its problem: {row.problem!r}.")
+    deliver(store, campaign, result(4, measures=Measures(0.1, cause="nul\x00nul")))
+    equal(store.episodes.get(campaign.id, 4).measures, Measures(0.1, cause="nul�nul"), "A cause")

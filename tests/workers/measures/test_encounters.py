@@ -17,6 +17,7 @@ from eigenfail_workers.measures.encounters import (
     find_conflict,
     find_contact,
     find_pass,
+    may_touch,
     move,
     shares_path,
 )
@@ -204,6 +205,8 @@ def test_pass_is_the_smallest_of_many_samples(step: tuple[Pair, Pair]) -> None:
     assert found <= dense + HIDDEN_M + 1e-6
     # Between two of the 400 samples a corner moves by 0.6 m at most.
     assert found >= dense - 0.6
+    samples = [TrafficSample(each.ego, (each.other,), (1,)) for each in step]
+    assert found > 0.0 or may_touch(*samples), "the quick test rules out a contact"
 
 
 @settings(deadline=None, derandomize=True, max_examples=100)
@@ -243,6 +246,10 @@ def test_contact_within_a_step_is_the_first_one() -> None:
     assert contact is not None
     assert contact.ego.x_m == pytest.approx(10.0, abs=1e-6)
     assert separation(contact.ego, near).distance_m == 0.0
+    # A truck that the sample shows is touched after the first car, and before the second one.
+    truck = VehicleState(30.0, 1.5, 0.0, 0.0, 30.0, 2.0)
+    pair = [TrafficSample(each, (far, near, truck), (1, 2, 3)) for each in (ego, later)]
+    assert find_contact(*pair, 1.0).ego.x_m == pytest.approx(10.0, abs=1e-6)
     # The sample shows the second car that the ego touches, and hides the first one.
     behind = TrafficSample(square(18.0, 0.0, 0.0, 40.0), (far, near), (1, 2))
     hidden = find_contact(before, behind, 1.0)
@@ -269,6 +276,12 @@ def test_jump_across_the_ego_is_refused() -> None:
     after = TrafficSample(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (1,))
     with pytest.raises(SimulatorError, match="Vehicle 1 jumps across the ego: 120 m"):
         find_contact(before, after, 0.1)
+
+
+def test_vehicle_that_vanishes_where_the_ego_stands_at_the_sample_is_refused() -> None:
+    before = TrafficSample(square(0.0, 0.0, 0.0, 20.0), (square(3.0, 0.0, 0.0, 0.0),), (1,))
+    with pytest.raises(SimulatorError, match="Vehicle 1 vanishes"):
+        find_contact(before, TrafficSample(square(2.0, 0.0, 0.0, 20.0), (), ()), 0.1)
 
 
 def test_vehicle_without_both_ends_is_not_moved() -> None:

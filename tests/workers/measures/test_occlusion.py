@@ -47,6 +47,7 @@ NEAR = box(20.0, 0.0)
         ((box(20.0, 0.0, 2.0, pi / 2), box(40.0, 0.0, 9.88)), set()),
         # A vehicle that touches the sensor is seen, and hides nothing.
         ((box(2.0, 0.0), box(40.0, 0.0)), set()),
+        ((box(2.0, 1.1), box(2.0, 20.0)), {1}),
     ],
 )
 def test_hand_worked(others: tuple[VehicleState, ...], hidden: set[int]) -> None:

@@ -6,7 +6,13 @@ import pytest
 from eigenfail.errors import InvalidValue
 from eigenfail.values.episode import PolicySource, PriorSource, Source, TrajectorySource
 from eigenfail.values.scene import Observation, VehicleState
-from eigenfail_workers.noise.sources import NoiseContext, begin
+from eigenfail_workers.noise.sources import (
+    NOISE_STREAM,
+    ONCE_STREAM,
+    NoiseContext,
+    begin,
+    generator,
+)
 
 CAR = VehicleState(0.0, 0.0, 0.0, 0.0, 5.0, 2.0)
 SEEN = Observation(0, CAR, (CAR,))
@@ -31,6 +37,12 @@ def test_the_prior_is_given_by_the_seed_and_holds_float32() -> None:
     assert np.array_equal(z, drawn(PriorSource()))
     assert np.array_equal(z, z.astype(np.float32))
     assert not np.array_equal(z, drawn(PriorSource(), seed=6))
+
+
+def test_a_seed_has_the_noise_that_it_had_in_earlier_releases() -> None:
+    # Otherwise a gate would pair episodes of two releases that saw different noise.
+    first = [generator(5, each).standard_normal() for each in (NOISE_STREAM, ONCE_STREAM)]
+    assert first == pytest.approx([-0.08702733, -0.38795924])
 
 
 def test_the_prior_shares_no_draws_with_a_scenario_of_the_same_seed() -> None:
