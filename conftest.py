@@ -49,6 +49,12 @@ sys.dont_write_bytecode = False
 gc.disable()  # until all tests are collected, which stay
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes() -> None:
+    """Collect garbage in the process that hands out tests: it collects none."""
+    gc.enable()
+
+
 LONG = ("service", "browser")
 """Marks of tests that wait for processes, for a minute or more in one file."""
 

@@ -159,13 +159,13 @@ def load(group: str, name: str) -> Any:
         InvalidValue: the plug-in is there, but cannot be loaded, or several claim its name.
     """
     field = group.removeprefix("eigenfail.").removesuffix("s")
-    if name not in list_entry_points(group):
-        list_entry_points.cache_clear()  # its package may have been installed since
     point = list_entry_points(group).get(name)
     if point is None:
         package = PACKAGES.get(group, {}).get(name)
         absent = f"'{name}' is in the package {package}, which is not installed here (in a clone: "
-        problem = f"{absent}pip install plugins/{package})." if package else ""
+        new = f"'{name}' is not known. If its package is new, start the service again."
+        unknown = "" if get_close_matches(name, names(group)) else new
+        problem = f"{absent}pip install plugins/{package})." if package else unknown
         raise UnknownName(field, name, names(group), problem)
     if len(claims := list_claims(group).get(name, ())) > 1:
         raise describe_conflict(group, name, map(name_distribution, claims))

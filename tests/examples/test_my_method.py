@@ -1,11 +1,13 @@
 """The example method, as docs/own_method.md tells people to use it."""
 
 import json
+import random
 import re
 import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -58,6 +60,21 @@ def test_the_doctor_names_what_is_broken(mine, monkeypatch, attribute, change, b
     assert (code, checks[broken]) == (1, "broken")
 
 
+@pytest.mark.parametrize("generator", [random, np.random])
+def test_the_doctor_sees_a_global_generator_that_is_seeded_each_time(mine, monkeypatch, generator):
+    propose = mine.HillClimb.propose
+
+    def draw_and_propose(self, n):
+        generator.seed(self._facts.rounds)
+        generator.uniform(0.0, 1.0)
+        return propose(self, n)
+
+    monkeypatch.setattr(mine.HillClimb, "propose", draw_and_propose)
+    for _ in range(2):  # the first run leaves the state that a second one comes to
+        code, checks = doctor("my_method:HillClimb")
+        assert (code, checks["leaves the global generators alone"]) == (1, "broken")
+
+
 def test_it_is_accepted_in_the_campaign_of_the_page(mine, install, tmp_path):
     install(PROJECT)
     file = tmp_path / "my_campaign.toml"
@@ -68,7 +85,14 @@ def test_it_is_accepted_in_the_campaign_of_the_page(mine, install, tmp_path):
 
 
 def test_it_comes_nearer_from_round_to_round(mine):
-    suite = type("Suite", (LearnerSuite,), {"method": mine.HillClimb, "budget": 400})()
-    results = list(run_in_process(Rounds(suite.learner(3), 3, 400), ToyEngine(CORRIDOR)))
-    failures = [result.is_failure for result in results]
-    assert sum(failures[200:]) > 2 * sum(failures[:20]) + 20
+    class Forgetful(mine.HillClimb):
+        def observe(self, results):
+            """Learn nothing."""
+
+    found = []
+    for method in (mine.HillClimb, Forgetful):
+        suite = type("Suite", (LearnerSuite,), {"method": method, "budget": 400})()
+        results = run_in_process(Rounds(suite.learner(3), 3, 400), ToyEngine(CORRIDOR))
+        found.append([result.is_failure for result in results])
+    learnt, forgot = (sum(failures[200:]) for failures in found)
+    assert learnt > 1.5 * forgot > 0

@@ -20,6 +20,6 @@ def make_once(tmp_path_factory, name, make):
     with (folder / f"{name}.json").open("a+") as kept:
         fcntl.flock(kept, fcntl.LOCK_EX)
         if kept.seek(0, os.SEEK_END) == 0:
-            json.dump(make(Path(mkdtemp(dir=folder))), kept)
+            kept.write(json.dumps(make(Path(mkdtemp(dir=folder)))))
         kept.seek(0)
         return json.load(kept)

@@ -40,8 +40,8 @@ MEASURED = (
 )
 
 
-def tabulate_episodes(rows: Iterable[EpisodeRow], unit: str = "m") -> tables.Table:
-    """Return a list of episodes; `unit` is that of their robustness."""
+def tabulate_episodes(rows: Iterable[EpisodeRow], unit: str = "") -> tables.Table:
+    """Return a list of episodes; `unit` is that of their robustness, empty if it is not known."""
     robustness = tables.read_number("Robustness", "robustness_m", unit)
     return tables.tabulate("Episodes", rows, *HOW_IT_ENDED, robustness, *MEASURED)
 

@@ -3,7 +3,7 @@
 import hashlib
 import struct
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -16,6 +16,10 @@ from eigenfail.values.requirements import AnyRequirement, EpisodeJudge, Requirem
 from eigenfail.values.scene import Scene
 from eigenfail.values.shapes import White
 from eigenfail.values.showing import Brief
+
+# The largest integer that databases hold.
+MAX_SEED = 2**63 - 1
+
 
 MAX_WALL_S = 7 * 86_400.0
 """The longest that an episode is believed to have taken: a worker may report any number. [s]"""
@@ -52,7 +56,7 @@ class TrajectorySource(msgspec.Struct, frozen=True, eq=False, gc=False, tag="tra
 
     z: Floats
     importance: Importance | None = None
-    seed: int | None = None
+    seed: Annotated[int, msgspec.Meta(ge=0, le=MAX_SEED)] | None = None
 
 
 class PolicySource(msgspec.Struct, frozen=True, gc=False, tag="policy"):
@@ -244,10 +248,6 @@ def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:
         source=task.source_kind,
         fault=fault,
     )
-
-
-# The largest integer that databases hold.
-MAX_SEED = 2**63 - 1
 
 
 def episode_seed(campaign_seed: int, index: int) -> int:

@@ -174,7 +174,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         return int(self.trajectories.shape[2])
 
     def make_replays(self) -> list[TrajectorySource]:
-        """Return a source for each trajectory, which replays it in the scenario of its episode."""
+        """Return a source for each trajectory, with its seed if the context has one."""
         seeds = self.seeds or (None,) * len(self.trajectories)
         return [TrajectorySource(z, seed=s) for z, s in zip(self.trajectories, seeds, strict=True)]
 

@@ -27,7 +27,6 @@ from eigenfail.values.analysis import (
 )
 from eigenfail.values.campaign import FINAL_STATES, Campaign, EpisodeForm
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.episode import episode_seed
 from eigenfail.values.records import Job
 from eigenfail.worlds import drawn_for, world_of
 from eigenfail_services.analysis.alignment import check_clusterer, choose_columns
@@ -78,11 +77,11 @@ class AnalysisBasis(NamedTuple):
         """Return the number of episodes that have ended, by id of their campaign."""
         return {each.id: each.counts.completed + each.counts.errored for each in self.campaigns}
 
-    def find_drawn(self, mode: FailureMode) -> dict[str, Any]:
+    def find_drawn(self, mode: FailureMode, store: Store) -> dict[str, Any]:
         """Return the scenario parameters that the medoid of a mode drew, by name."""
         specs = {each.id: each.spec for each in self.campaigns}
-        spec = specs[mode.medoid_campaign or self.campaigns[0].id]
-        return drawn_for(spec, episode_seed(spec.seed, mode.medoid))
+        campaign = mode.medoid_campaign or self.campaigns[0].id
+        return drawn_for(specs[campaign], store.episodes.get(campaign, mode.medoid).seed)
 
     def update_counts(self, store: Store) -> Self:
         """Return the basis with the present counts, which cover all failures that were read."""
@@ -441,7 +440,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     result = analyse_gathered(
         failures, analysis.settings, base.step_s, base.ended, EarlyFailures(learning, samples)
     )
-    modes = tuple(replace(each, drawn=base.find_drawn(each)) for each in result.modes)
+    modes = tuple(replace(each, drawn=base.find_drawn(each, store)) for each in result.modes)
     result = replace(result, modes=modes)
     whole = msgspec.structs.replace(
         add_probabilities(store, base.campaigns, result),

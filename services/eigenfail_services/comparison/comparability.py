@@ -319,7 +319,7 @@ def _find_other_noise(store: Store, one: Campaign, other: Campaign) -> str:
         same_noise = np.array_equal(first.noise.z[:steps], second.noise.z[:steps])
         if not same_noise or (first.seed, first.source) != (second.seed, second.source):
             return (
-                f"the noise of episode {one.id}/{first.index} is not that of "
+                f"the noise, or the seed, of episode {one.id}/{first.index} is not that of "
                 f"{other.id}/{second.index}."
             )
     return ""

@@ -410,7 +410,6 @@ def test_the_unit_of_robustness_is_that_of_its_campaign():
     columns = [
         tabulate_episodes([], unit).columns[4].heading
         for unit in (find_robustness_unit(spec()), "")
-        for unit in (find_robustness_unit(spec()), "")
     ]
     assert columns == ["Robustness [m]", "Robustness"]
     plain, judged = Measures(2.0), Measures(0.4, nearest_m=2.0, violated=0)

@@ -172,10 +172,11 @@ def test_modes_and_shrunk_failures_are_proven_in_what_their_seeds_drew(restless)
     told = find_minimal_failure(restless.store, restless.store.campaigns.get(number))
     assert told.full_log_probability == failure.noise.log_probability
     assert restless.store.episodes.get(number, told.index).seed == failure.seed
-    (search,) = launch_replays(restless.store, analysis, [{}]).searches or (None,)
-    if search is not None:
-        restless.finish(search)
-        assert {each.seed for each in restless.failures(search)} <= set(seeds)
+    searching = launch_replays(restless.store, analysis, [{}])
+    (search,), (mode,) = searching.searches, searching.unplaced
+    restless.finish(search)
+    found = restless.store.episodes.finished(search, range(20))
+    assert {each.seed for each in found} == {seeds[mode]}
 
 
 def test_where_a_centre_does_not_fail_the_nearest_failing_point_is_searched() -> None:

@@ -157,7 +157,7 @@ def test_noise_is_looked_at_and_not_only_promised(store: Store) -> None:
     strange = [episode(0, i, False, noise=noise(1, i, 6)) for i in range(EPISODES)]
     deliver(store, made, *strange)
     because = compare(store, [a], [made.id]).unpaired_because
-    assert because == f"the noise of episode {a}/0 is not that of {made.id}/0."
+    assert because == f"the noise, or the seed, of episode {a}/0 is not that of {made.id}/0."
 
 
 def test_two_campaigns_of_one_seed_on_a_side_are_not_paired(store: Store) -> None:

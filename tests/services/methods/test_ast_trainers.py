@@ -52,6 +52,7 @@ def test_an_update_with_the_papers_settings_is_that_of_stable_baselines3(channel
 @pytest.mark.parametrize("channels", CHANNELS)
 def test_forty_updates_lead_to_the_same_weights(channels):
     sac, fast = SacTrainer(SETTINGS, channels, SEED), FastTrainer(SETTINGS, channels, SEED)
+    assert fast.entropy[0] == pytest.approx(float(get_model(sac).log_ent_coef.detach()), abs=1e-6)
     copy_weights(sac, fast)
     random = np.random.default_rng(1)
     given = make_transitions(150, random, channels)

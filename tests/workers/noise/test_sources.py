@@ -43,6 +43,7 @@ def test_a_seed_has_the_noise_that_it_had_in_earlier_releases() -> None:
     # Otherwise a gate would pair episodes of two releases that saw different noise.
     first = [generator(5, each).standard_normal() for each in (NOISE_STREAM, ONCE_STREAM)]
     assert first == pytest.approx([-0.08702733, -0.38795924])
+    assert drawn(PriorSource(), seed=5)[0].tolist() == pytest.approx([-1.8572290, 0.3377320])
 
 
 def test_the_prior_shares_no_draws_with_a_scenario_of_the_same_seed() -> None:

@@ -112,8 +112,7 @@ class BridgeSimulation:
 
 def list_position(welcome: messages.BridgeWelcome) -> tuple[Channel, ...]:
     """Return the channels of the position of the nearest vehicle that a bridge offers."""
-    offered = welcome.offer.channels
-    return tuple(channel for channel in POSITION if channel.name in offered)
+    return tuple(channel for channel in POSITION if channel.name in welcome.offer.channels)
 
 
 def select_components(channels: tuple[Channel, ...], disturbance: Row) -> Row:

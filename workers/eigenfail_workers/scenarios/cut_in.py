@@ -105,14 +105,14 @@ class CutIn:
         closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
         begins_s = (parameters.initial_gap_m - parameters.distance_m) / closing_mps
         # A short distance at a low closing speed makes a late manoeuvre, which needs more steps.
-        least_s = max(parameters.duration_s, begins_s + parameters.lane_change_s + AFTERWARDS_S)
+        over_s = begins_s + parameters.lane_change_s + AFTERWARDS_S
+        least = round(parameters.duration_s / parameters.dt_s)
         x_m = parameters.initial_gap_m + (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
         car = scenarios.make_car(x_m, 1, parameters.actor_speed_mps)
         mission = scenarios.make_mission(parameters.ego_speed_mps, GOAL_M)
         return CutInSituation(
             mission=msgspec.structs.replace(mission, dt_s=parameters.dt_s),
-            # Rounded before: 14 s in steps of 0.02 s are 700, and not one more for the last digit.
-            steps=ceil(round(least_s / parameters.dt_s, 6)),
+            steps=max(least, ceil(over_s / parameters.dt_s)),
             ego=scenarios.make_truck(parameters.ego_speed_mps),
             actors=(car,),
             change_begins_s=begins_s,

@@ -31,6 +31,7 @@ from eigenfail_assurance.evidence.records import (
 from eigenfail_assurance.evidence.storage import BundleDefect, make_defect
 
 CAMPAIGNS, TABLE, NOISE = "campaigns/", ".episodes.csv", ".noise.json"
+REPLAYING = frozenset({"replay", "nearest", "minimal"})
 
 
 class ReadRecords(NamedTuple):
@@ -175,8 +176,8 @@ def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
             yield replace(make_defect(error), where=f"{CAMPAIGNS}{campaign.id}{NOISE}")
     for episode in counted.episodes:
         expected = episode_seed(campaign.spec.seed, episode.index)
-        # Noise that is injected may bring the seed of the episode that it comes from.
-        if episode.seed != expected and episode.source != "trajectory":
+        # A replay has the seed of the episode that its noise comes from.
+        if episode.seed != expected and campaign.spec.method not in REPLAYING:
             problem = f"The seed of episode {episode.index} is not that of the campaign's seed."
             yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}{TABLE}", problem=problem)
             return

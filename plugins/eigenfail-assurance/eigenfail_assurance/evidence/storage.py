@@ -87,8 +87,7 @@ def _find_foreign(output: Path) -> str:
         if strange:
             return f"holds a file of no bundle: {strange}"
         return "" if MANIFEST in names else f"holds no {MANIFEST}"
-    is_archive = output.suffix == ".zip" and zipfile.is_zipfile(output)
-    return "" if is_archive else "is no bundle"
+    return "" if output.suffix == ".zip" and zipfile.is_zipfile(output) else "is no bundle"
 
 
 def write_bundle(files: Mapping[str, bytes], output: Path) -> None:
