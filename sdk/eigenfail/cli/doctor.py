@@ -84,7 +84,7 @@ def list_plugins() -> Iterator[Finding]:
             try:
                 plugins.load(group, name)
             except EigenfailError as error:
-                yield Finding(f"{group}: {name}", error.problem, wrong=True)
+                yield Finding(f"{group}: {name}", error.problem, True, error.remedy)
     for group, meant in plugins.list_misspelt_groups().items():
         found = "no such group of entry points: its plug-ins are ignored"
         yield Finding(group, found, True, f"in their package, write {meant}")

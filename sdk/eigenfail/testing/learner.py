@@ -269,10 +269,10 @@ class LearnerSuite:
             state = learner.state()
             other = self.learner(corridor=corridor)
             other.restore(state)
-            expect(other.state() == state, f"the state is another one with {channels} channels")
+            expect(other.state() == state, f"the state is another one (channels: {channels})")
             expected = encode_proposal(self.play(learner, first, engine))
             found = encode_proposal(self.play(other, first, engine))
-            expect(found == expected, f"proposals differ with {channels} channels")
+            expect(found == expected, f"proposals differ after a restore (channels: {channels})")
 
     def test_same_seed_and_results_give_the_same_proposals(self) -> None:
         """Equal seeds give equal proposals, bit for bit, over several rounds."""
