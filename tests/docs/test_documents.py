@@ -106,7 +106,7 @@ def test_every_example_is_a_campaign_that_can_be_run(root, monkeypatch):
     monkeypatch.chdir(root / "examples")
     files = sorted(set((root / "examples").glob("*.toml")) - set(suites(root)))
     methods = {"correlated": "monte_carlo", "any_function": "cem", "transfer": "ensemble"}
-    methods |= {"highway_drive": "monte_carlo"}
+    methods |= {"highway_drive": "monte_carlo", "paper_steps": "ast"}
     assert {"ast", "cem", "correlated", "difs", "monte_carlo"} <= {file.stem for file in files}
     for file in files:
         spec = read_spec(file)
