@@ -117,8 +117,7 @@ def build_graph(name: str, claim: Claim, solutions: Sequence[JudgedSolution]) ->
         solutions: its solutions, in the order of `Claim.list_solutions`.
     """
     judged = dict(_place_solutions(claim, iter(solutions)))
-    sides = _place_sides(claim, judged)
-    builder = _GraphBuilder(judged, sides)
+    builder = _GraphBuilder(judged, _place_sides(claim, judged))
     verdict = builder.add_claim(claim, ())
     return ArgumentGraph(
         name=name,

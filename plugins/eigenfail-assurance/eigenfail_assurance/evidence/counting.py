@@ -21,6 +21,8 @@ from eigenfail_assurance.risk.confidence import RunEstimate
 from eigenfail_assurance.sensor.anchors import bound_estimate, bound_sampled
 
 MONTE_CARLO = "monte_carlo"
+REPLAYING = frozenset({"replay", "nearest", "minimal"})
+"""Methods whose episodes have the seeds of those that they replay, whatever their own seed."""
 ESTIMATING = frozenset({"subset", "mixture", "splitting"})
 """Methods whose own estimate states a probability, with an approximate interval."""
 

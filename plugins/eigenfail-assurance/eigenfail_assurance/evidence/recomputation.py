@@ -14,7 +14,12 @@ from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.episode import episode_seed
 from eigenfail_assurance.evidence import bundle, solutions
 from eigenfail_assurance.evidence.argument import ArgumentGraph
-from eigenfail_assurance.evidence.counting import MONTE_CARLO, CountedCampaign, is_ended_by_failures
+from eigenfail_assurance.evidence.counting import (
+    MONTE_CARLO,
+    REPLAYING,
+    CountedCampaign,
+    is_ended_by_failures,
+)
 from eigenfail_assurance.evidence.judgement import TOLERANCE
 from eigenfail_assurance.evidence.question import EvidenceQuestion
 from eigenfail_assurance.evidence.records import (
@@ -31,7 +36,6 @@ from eigenfail_assurance.evidence.records import (
 from eigenfail_assurance.evidence.storage import BundleDefect, make_defect
 
 CAMPAIGNS, TABLE, NOISE = "campaigns/", ".episodes.csv", ".noise.json"
-REPLAYING = frozenset({"replay", "nearest", "minimal"})
 
 
 class ReadRecords(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign import Campaign
 from eigenfail_assurance.evidence import question
-from eigenfail_assurance.evidence.counting import Counted
+from eigenfail_assurance.evidence.counting import REPLAYING, Counted
 from eigenfail_assurance.evidence.records import SolutionInput
 from eigenfail_assurance.risk.pooling import are_alike, find_planner, refuse_unlike
 from eigenfail_assurance.risk.question import CampaignReference
@@ -90,9 +90,10 @@ def _check_pools(name: str, _given: SolutionInput, groups: _Groups, _campaigns: 
 def _check_search(name: str, _given: SolutionInput, groups: _Groups, _campaigns: Counted) -> None:
     """Refuse a search whose episodes are counted twice; otherwise searches may differ."""
     for one, other in combinations([each for group in groups for each in group], 2):
-        if one.spec.seed == other.spec.seed and are_alike(one.spec, other.spec):
-            problem = f"campaigns {one.id} and {other.id} have the same seed, and so the same"
-            remedy = "Name campaigns with different seeds."
+        is_same = one.spec.seed == other.spec.seed or one.spec.method in REPLAYING
+        if is_same and are_alike(one.spec, other.spec):
+            problem = f"campaigns {one.id} and {other.id} have the same seeds, and so the same"
+            remedy = "Name campaigns with different seeds; of replays of the same noise, name one."
             raise InvalidValue(f"{name}: campaigns", f"{problem} episodes.", remedy)
 
 

@@ -108,6 +108,12 @@ def test_a_search_counts_no_episode_twice_and_may_have_several_methods(make, fin
     assert find_places(solution, given, make("sss", 1), make("ssss", 2)) == REFUSED
 
 
+def test_replays_of_the_same_noise_are_the_same_episodes_from_any_seed(make, find_places):
+    solution, given = SearchSolution(campaigns=(1, 2)), SolutionInput(campaigns=((1, 2),))
+    one, other = make("sss", 1, method="replay"), make("ssss", 2, seed=4, method="replay")
+    assert find_places(solution, given, one, other) == REFUSED
+
+
 def test_searches_of_several_methods_are_counted_together(make, find_places):
     solution, given = SearchSolution(campaigns=(1, 2)), SolutionInput(campaigns=((1, 2),))
     assert find_places(solution, given, make("sss", 1), make("ssss", 2, method="ast")) == []
