@@ -66,7 +66,7 @@ def test_values_have_the_same_names_in_all_commands():
             )
     several = {option: names for (option, _), names in seen.items() if len(names) > 1}
     # A report is a folder; a plug-in that is checked need not be installed.
-    assert several.keys() <= {"--output", "--planner", "--scenario", "--campaign"}
+    assert several.keys() <= {"--output", "--planner", "--scenario", "--method", "--campaign"}
     assert len(seen) > 80
 
 

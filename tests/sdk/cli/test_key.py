@@ -67,7 +67,7 @@ def test_the_first_key_is_made_on_the_database(eigenfail, database):
 
 def test_the_first_key_is_an_administrators(check_session, database):
     create = ("key", "create", "ci", "--scope", "runner", "--database", database)
-    check_session("cli/errors/make_first_key", create)
+    check_session("cli/errors/first_key", create)
 
 
 def test_a_time_or_a_limit_that_is_none_is_refused(check_session):
