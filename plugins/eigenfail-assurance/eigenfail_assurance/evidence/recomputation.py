@@ -12,14 +12,8 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign import FINAL_STATES, CampaignState
 from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.episode import episode_seed
-from eigenfail_assurance.evidence import bundle, solutions
+from eigenfail_assurance.evidence import bundle, counting, solutions
 from eigenfail_assurance.evidence.argument import ArgumentGraph
-from eigenfail_assurance.evidence.counting import (
-    MONTE_CARLO,
-    REPLAYING,
-    CountedCampaign,
-    is_ended_by_failures,
-)
 from eigenfail_assurance.evidence.judgement import TOLERANCE
 from eigenfail_assurance.evidence.question import EvidenceQuestion
 from eigenfail_assurance.evidence.records import (
@@ -166,7 +160,7 @@ def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
     Raises:
         InvalidValue: the episodes cannot be read.
     """
-    counted, campaign = CountedCampaign(record), record.campaign
+    counted, campaign = counting.CountedCampaign(record), record.campaign
     yield from _check_digest(counted)
     if campaign.state in FINAL_STATES:
         yield from _check_counts(counted)
@@ -181,13 +175,13 @@ def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
     for episode in counted.episodes:
         expected = episode_seed(campaign.spec.seed, episode.index)
         # A replay has the seed of the episode that its noise comes from.
-        if episode.seed != expected and campaign.spec.method not in REPLAYING:
+        if episode.seed != expected and campaign.spec.method not in counting.REPLAYING:
             problem = f"The seed of episode {episode.index} is not that of the campaign's seed."
             yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}{TABLE}", problem=problem)
             return
 
 
-def _check_digest(counted: CountedCampaign) -> Iterator[BundleDefect]:
+def _check_digest(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
     campaign = counted.campaign
     where = f"{CAMPAIGNS}{campaign.id}.json: campaign.digest"
     if campaign.digest is None and campaign.state is CampaignState.DONE:
@@ -197,7 +191,7 @@ def _check_digest(counted: CountedCampaign) -> Iterator[BundleDefect]:
         yield BundleDefect(where=where, problem=problem)
 
 
-def _check_counts(counted: CountedCampaign) -> Iterator[BundleDefect]:
+def _check_counts(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
     """Yield the counts of a campaign that has ended, and that its episodes do not give.
 
     Those of one that goes on are of another moment than its episodes.
@@ -218,7 +212,7 @@ def _check_counts(counted: CountedCampaign) -> Iterator[BundleDefect]:
         yield BundleDefect(where=f"{name}.cancelled", problem=problem)
 
 
-def _check_completeness(counted: CountedCampaign) -> Iterator[BundleDefect]:
+def _check_completeness(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
     """Yield the episodes that a campaign lacks though it is done and no stop rule ended it.
 
     Rounds are completed in index order. Only a rule on time or cost ends a campaign within a round,
@@ -229,14 +223,14 @@ def _check_completeness(counted: CountedCampaign) -> Iterator[BundleDefect]:
         absent = next(place for place, each in enumerate(counted.episodes) if each.index != place)
         problem = f"There is no episode {absent}, and the campaign is done."
         yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}{TABLE}", problem=problem)
-    is_ended = is_ended_by_failures([counted]) or rules.keys() - {"failures"}
-    if campaign.spec.method == MONTE_CARLO and campaign.counts.cancelled and not is_ended:
+    is_ended = counting.is_ended_by_failures([counted]) or rules.keys() - {"failures"}
+    if campaign.spec.method == counting.MONTE_CARLO and campaign.counts.cancelled and not is_ended:
         where = f"{CAMPAIGNS}{campaign.id}.json: campaign.counts.cancelled"
         problem = f"It is {campaign.counts.cancelled}, and no stop rule ended the campaign."
         yield BundleDefect(where=where, problem=problem)
 
 
-def _check_unresolved(counted: CountedCampaign) -> Iterator[BundleDefect]:
+def _check_unresolved(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
     """Yield that the service counted more unresolved episodes than there are safe ones."""
     campaign, unresolved = counted.campaign, counted.record.facts.unresolved
     if unresolved > counted.unresolved:
