@@ -43,7 +43,7 @@ FOLDERS = [f"{Path(__file__).parent}/tests/{name}" for name in ("plugins", "supp
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_planes,eigenfail_sleeping"
 
-# As `make` does. Without compiled files each process that a test starts compiles all sources anew.
+# `make` does this, too. Without compiled files, each process of a test would compile all sources.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 gc.disable()  # until all tests are collected, which stay

@@ -116,7 +116,12 @@ def evaluations(
     pool: EpisodePool, learnt: list[Found], episodes: int, **parameters: float
 ) -> list[Found]:
     """Evaluate what campaigns have learnt, in the scenario with these parameters."""
-    specs = [
+    return pool.each(search, list_evaluations(learnt, episodes, **parameters), learnt)
+
+
+def list_evaluations(learnt: list[Found], episodes: int, **parameters: float) -> list[CampaignSpec]:
+    """The campaigns that evaluate what others have learnt; parameters as for `evaluations`."""
+    return [
         msgspec.structs.replace(
             found.spec,
             method="evaluate",
@@ -127,7 +132,6 @@ def evaluations(
         )
         for found in learnt
     ]
-    return pool.each(search, specs, learnt)
 
 
 def changed(found: Found, **settings: Any) -> Found:

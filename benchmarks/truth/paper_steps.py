@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 from benchmarks.episode_pool import EpisodePool
 from benchmarks.figures import ROOT, Figure
-from benchmarks.learning_figures import each, failure_rate, of_seeds
+from benchmarks.learning_figures import failure_rate, of_seeds
 from benchmarks.samples import COMMAND, share
-from benchmarks.searches import EARLIER, FRESH, Found, context, run
+from benchmarks.searches import Found, context, list_evaluations, run
 from benchmarks.truth.shapes import draw_held_noise
 
 from eigenfail.values.campaign_spec import CampaignSpec
@@ -26,7 +26,7 @@ EXAMPLE = ROOT / "examples" / "paper_steps.toml"
 SCALES = {"all": 1.0, "less": 0.75}
 WHITE, HELD, UNIFORM = {"all": 3500, "less": 1500}, 1500, 500
 PART = 250
-"""Episodes of a campaign without learning: so many run in one process at a time."""
+"""Episodes of one campaign without learning. These campaigns run side by side."""
 
 SEEDS, EVALUATED = 5, 100
 
@@ -42,8 +42,7 @@ def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     spec = msgspec.structs.replace(read_example(), seed=seed)
     steps = count_steps(spec)
     for name, scale in SCALES.items():
-        place, here = f"paper_steps.{name}", scale_noise(spec, scale)
-        yield from describe_noise(pool, place, here, steps)
+        yield from describe_noise(pool, name, scale_noise(spec, scale), steps)
     yield from describe_ast(pool, spec)
 
 
@@ -69,14 +68,15 @@ def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
 
 
 def describe_noise(
-    pool: EpisodePool, place: str, spec: CampaignSpec, steps: int
+    pool: EpisodePool, name: str, spec: CampaignSpec, steps: int
 ) -> Iterator[tuple[str, Figure]]:
     """How often noise without learning fails, and how likely the failures are."""
+    place = f"paper_steps.{name}"
     undisturbed = TrajectorySource(np.zeros((0, 2), np.float32))
     (calm,) = pool.play(spec.setup(), [EpisodeTask(0, 0, undisturbed)])
     least_m = calm.measures.robustness_m
     yield f"{place}.undisturbed_m", Figure(value=least_m, unit="m", n=1, command=COMMAND)
-    white = play_parts(pool, spec, "monte_carlo", WHITE[place.rpartition(".")[2]])
+    white = play_parts(pool, spec, "monte_carlo", WHITE[name])
     yield f"{place}.white.failure_rate", share([one for part in white for one in part.crashed])
     log_p = fmean(part.log_p_per_step for part in white) * steps
     n = sum(len(part.crashed) for part in white)
@@ -132,17 +132,7 @@ def describe_ast(pool: EpisodePool, spec: CampaignSpec) -> Iterator[tuple[str, F
     """What the example finds from each of some seeds, in training and without more of it."""
     specs = [msgspec.structs.replace(spec, seed=spec.seed + i) for i in range(SEEDS)]
     trained = pool.each(search, specs)
-    asked = [
-        msgspec.structs.replace(
-            each_spec,
-            method="evaluate",
-            settings={"campaign": EARLIER},
-            episodes=EVALUATED,
-            seed=each_spec.seed + FRESH,
-        )
-        for each_spec in specs
-    ]
-    evaluated = pool.each(search, asked, trained)
+    evaluated = pool.each(search, list_evaluations(trained, EVALUATED), trained)
     for name, runs in (("train", trained), ("evaluation", evaluated)):
         place, n = f"paper_steps.ast.{name}", len(runs[0].crashed)
         shares = [failure_rate(one) for one in runs]
@@ -151,16 +141,4 @@ def describe_ast(pool: EpisodePool, spec: CampaignSpec) -> Iterator[tuple[str, F
             fmean(crash.log_probability for crash in one.crashes) if one.crashes else None
             for one in runs
         ]
-        known = [value for value in log_p if value is not None]
-        if known:
-            yield (
-                f"{place}.log_p",
-                Figure(
-                    value=median(known),
-                    unit="nat",
-                    n=n,
-                    spread=(min(known), max(known)),
-                    note=f"seeds without a failure left out; {each(log_p)}",
-                    command=COMMAND,
-                ),
-            )
+        yield f"{place}.log_p", of_seeds(log_p, "nat", n)

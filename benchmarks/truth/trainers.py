@@ -1,4 +1,4 @@
-"""Figure: how far an update of the numpy trainer is from that of stable-baselines3's SAC.
+"""Figure: the difference between an update by the numpy trainer and one by stable-baselines3.
 
 Both take the same weights, transitions and random draws. After each update the numpy trainer gets
 the weights of SB3 again, so that the figure is the difference of one update.
@@ -69,7 +69,7 @@ def compare_updates(settings: AstSettings, channels: int, seed: int) -> Iterator
 
 
 def make_transitions(count: int, random: np.random.Generator, channels: int) -> Decisions:
-    """Random transitions, of which a fifth are ends, with rewards as large as the paper's."""
+    """Random transitions; a fifth of them end an episode, and rewards have the paper's size."""
     shape = count, count_state(channels)
     return Decisions(
         states=random.normal(size=shape).astype(np.float32),
@@ -94,7 +94,7 @@ def get_model(sac: SacTrainer) -> SAC:
 
 
 def copy_weights(sac: SacTrainer, fast: FastTrainer) -> None:
-    """Set the weights and the entropy coefficient of the numpy trainer to those of SB3."""
+    """Copy the weights and the entropy coefficient of SB3 into the numpy trainer."""
     model = get_model(sac)
     trunk = [layer for layer in model.actor.latent_pi if isinstance(layer, torch.nn.Linear)]
     for layer, (weight, bias) in zip(trunk, fast.actor.layers, strict=False):
