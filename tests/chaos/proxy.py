@@ -136,6 +136,8 @@ class Proxy:
             near.close()
             return
         self._connections.append((near, far))
+        if self._severed:  # since it was asked above
+            hang_up(near, far)
         for way, ends in ((Way.UP, (near, far)), (Way.DOWN, (far, near))):
             self._start(self._pump, way, *ends, number)
 

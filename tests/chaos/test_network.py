@@ -46,6 +46,7 @@ pytestmark = [pytest.mark.service, pytest.mark.timeout(deadlines.TEST_S)]
 
 SEED = 20261122
 WORKERS = 2
+CREW = [f"w{number}" for number in range(WORKERS)]
 BEAT_S = 0.1
 LIMIT_S = 2.0
 AST = {
@@ -96,15 +97,24 @@ def calm(service: Service) -> str:
 def crew_line(service: Service, calm: str) -> Iterator[Proxy]:
     """The line of two workers, which are the same in all tests that change nothing but the line."""
     with closing(Proxy(service.hub.address, SEED)) as line, ExitStack() as stack:
-        for number in range(WORKERS):
-            stack.enter_context(worker_at(line.address, f"w{number}"))
+        for name in CREW:
+            stack.enter_context(worker_at(line.address, name))
         yield line
+
+
+def await_crew(service: Service) -> None:
+    """Wait until the crew is in, and nobody else.
+
+    A line that is severed while the crew is on its way in leaves hellos that the hub has yet to
+    read: members who are gone would come in later.
+    """
+    service.until(lambda: sorted(service.hub.workers()) == CREW, "the crew is not alone")
 
 
 @pytest.fixture
 def proxy(service: Service, crew_line: Proxy) -> Iterator[Proxy]:
     """The line of the crew, which is good to begin with; all is well in the end."""
-    service.crew(WORKERS)
+    await_crew(service)
     crew_line.befell.clear()
     yield crew_line
     crew_line.line = Line()
@@ -114,6 +124,7 @@ def proxy(service: Service, crew_line: Proxy) -> Iterator[Proxy]:
 @pytest.fixture
 def alone(service: Service, crew_line: Proxy) -> Iterator[None]:
     """Keeps the crew out, so that the test's own workers do all that is done."""
+    await_crew(service)
     with crew_line.severed():
         service.crew(0)
         yield
