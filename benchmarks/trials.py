@@ -37,6 +37,7 @@ from benchmarks.truth import (
     splitting,
     trainers,
     transfer,
+    unavoidable,
     varied,
 )
 from benchmarks.truth.curves import Curve
@@ -122,6 +123,7 @@ TRIALS = [
     Trial(("ast.fast_equals_sb3",), trainers.find_difference),
     Trial(("paper.steps",), paper_steps.find_steps),
     Trial(("paper_steps.",), paper_steps.find_figures),
+    Trial(("unavoidable.",), unavoidable.find),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),

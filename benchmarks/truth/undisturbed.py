@@ -1,7 +1,7 @@
 """Figures: the planners without noise, over the bounds of a scenario's parameters.
 
 Every combination of smallest, default and largest value of each parameter is run once, with the
-default durations of a step and of an episode.
+default durations and the default braking.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +21,8 @@ from eigenfail_workers.explain import explain
 
 UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
 DURATIONS = {"dt_s", "duration_s"}
+FIXED = {*DURATIONS, "peak_braking_mps2"}
+"""Parameters that keep their defaults."""
 CALM = ("override", "none"), ("qp_status", "solved")
 """What `rulebook` tells of a step that goes as planned."""
 
@@ -73,10 +75,10 @@ def swept(
 
 
 def grid(scenario: str) -> Iterator[dict[str, float]]:
-    """Smallest, default and largest value of each parameter but durations, in all combinations."""
+    """Smallest, default and largest value of each parameter but `FIXED`, in all combinations."""
     parameters = plugins.load(plugins.SCENARIOS, scenario).Parameters
     (schema,) = msgspec.json.schema(parameters)["$defs"].values()
-    fields = {n: field for n, field in schema["properties"].items() if n not in DURATIONS}
+    fields = {n: field for n, field in schema["properties"].items() if n not in FIXED}
     levels = [(field["minimum"], field["default"], field["maximum"]) for field in fields.values()]
     return (dict(zip(fields, values, strict=True)) for values in product(*levels))
 

@@ -73,6 +73,7 @@ class DrivenSimulation:
             off_road=is_off_road(situation.mission, truth.ego),
             lane=find_lane(situation.mission, truth.ego),
             ids=truth.ids,
+            peak_braking_mps2=situation.mission.peak_braking_mps2,
         )
         return self._now
 
@@ -97,7 +98,7 @@ class DrivenSimulation:
         with self._planner_errors:
             control = validate_control(self._planner.act(perception))
         # Clipped before the world moves: the limits of the truck are the same in every physics.
-        applied = clip_control(control, now.ego.speed_mps)
+        applied = clip_control(control, now.ego.speed_mps, self._mission.peak_braking_mps2)
         truth = self._world.advance(applied)
         step = now.step + 1
         self._now = Observation(

@@ -3,7 +3,6 @@
 from math import pi
 from typing import Final
 
-from eigenfail.values.records import PEAK_BRAKING_MPS2
 from eigenfail.values.scene import Control, LanePosition, Mission, VehicleState
 
 MASS_KG: Final = 30_000.0  # a partly loaded articulated truck of the 40 t class
@@ -12,15 +11,14 @@ MAX_DRIVE_MPS2: Final = 1.5  # in the lowest gears, where traction and not power
 MAX_STEERING_RAD: Final = pi / 4  # of the front wheels
 
 
-def clip_control(control: Control, speed_mps: float) -> Control:
+def clip_control(control: Control, speed_mps: float, peak_braking_mps2: float) -> Control:
     """Return the control that acts on the truck: the requested one, clipped to its limits.
 
-    Brakes give 7.0 m/s² at most (the paper's peak braking). The engine gives a ≤ P / (m · v), on a
-    level road without drag, and no more than MAX_DRIVE_MPS2.
+    Brakes give `peak_braking_mps2` at most. The engine gives a ≤ P / (m · v), on a level road
+    without drag, and no more than MAX_DRIVE_MPS2.
     """
-    drive_mps2 = max_drive_mps2(speed_mps)
     return Control(
-        min(max(control.acceleration_mps2, -PEAK_BRAKING_MPS2), drive_mps2),
+        min(max(control.acceleration_mps2, -peak_braking_mps2), max_drive_mps2(speed_mps)),
         min(max(control.steering_rad, -MAX_STEERING_RAD), MAX_STEERING_RAD),
     )
 

@@ -20,8 +20,7 @@ from msgspec import UnsetType
 
 from eigenfail.contracts.recording import EgoControl, EpisodeRecording, RecordingFormat
 from eigenfail.values.disturbance import list_noise
-from eigenfail.values.records import PEAK_BRAKING_MPS2
-from eigenfail.values.scene import UNKNOWN_KIND, Scene
+from eigenfail.values.scene import PEAK_BRAKING_MPS2, UNKNOWN_KIND, Scene
 from eigenfail.versions import PACKAGE, read_version
 from eigenfail_exchange.road import (
     TRUCK_LENGTH_M,

@@ -35,7 +35,7 @@ from eigenfail.values.analysis import Analysis, AnalysisSettings, AnalysisState
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import FAILURES, Outcome, episode_seed
-from eigenfail.values.records import PEAK_BRAKING_MPS2, EpisodeRow
+from eigenfail.values.records import EpisodeRow
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import drawn_for
@@ -320,8 +320,7 @@ class Runner:
     def _read_side(self, campaign: Campaign) -> RerunSide:
         """Return a campaign with the outcomes of its episodes."""
         counts, list_episodes = campaign.counts, self._client.episodes.list
-        braking = f"max_drac_mps2 > {PEAK_BRAKING_MPS2}"
-        may_collide = list_episodes(campaign.id, Outcome.SAFE, filter=braking)
+        may_collide = list_episodes(campaign.id, Outcome.SAFE, filter="final_drac_mps2 > 0")
         failures = chain.from_iterable(list_episodes(campaign.id, each) for each in FAILURES)
         outcomes = RunOutcomes(
             episodes=counts.completed + counts.errored,

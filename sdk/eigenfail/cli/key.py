@@ -158,8 +158,7 @@ def limit(
 ) -> CommandResult:
     """Change quotas of a key; other quotas and existing campaigns do not change."""
     # A quota that is not named keeps its value, and the service sets all of them.
-    before = keys.get(key).quotas
-    wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
+    wanted = _change_quotas(keys.get(key).quotas, max_open, max_episodes, max_episodes_per_day)
     found = keys.limit(key, wanted)
     return CommandResult(found, _tabulate_keys([found]))
 

@@ -65,8 +65,7 @@ def rename_mode(
 ) -> CommandResult:
     """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
     renamed = client.analyses.rename_mode(analysis, number, name)
-    words = f"Mode {renamed.number} of analysis {analysis}: {renamed.name}"
-    return CommandResult(renamed, words)
+    return CommandResult(renamed, f"Mode {renamed.number} of analysis {analysis}: {renamed.name}")
 
 
 def _tabulate_modes(modes: Iterable[Mode]) -> tables.Table:

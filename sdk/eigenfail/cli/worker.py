@@ -98,8 +98,7 @@ class WorkerCommands(TyperGroup):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        load_keys = partial(load_server_app, "worker-key")
-        self.add_command(DeferredCommand("key", KEY_HELP, load_keys))
+        self.add_command(DeferredCommand("key", KEY_HELP, partial(load_server_app, "worker-key")))
 
 
 app = typer.Typer(cls=WorkerCommands, add_completion=False)

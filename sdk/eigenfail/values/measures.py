@@ -138,10 +138,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             label="largest jerk",
             unit="m/s³",
             words="largest jerk",
-            formula=(
-                "largest |a_t − a_{t−1}| ÷ dt of the acceleration applied, with a = 0 before the "
-                "first step"
-            ),
+            formula="largest |a_t − a_{t−1}| ÷ dt of the applied acceleration, a = 0 at first",
         ),
     ] = None
     hard_brakings: Annotated[
@@ -149,9 +146,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
         Measure(
             label="hard brakings",
             words="how often hard braking began",
-            formula=(
-                "how often an applied deceleration above 3.0 m/s² began while the truck moved"
-            ),
+            formula="how often an applied deceleration above 3.0 m/s² began while moving",
             source="about the 10 ft/s² that ITE's yellow-time formula calls comfortable",
         ),
     ] = None
@@ -169,10 +164,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             label="DRAC at the last step",
             unit="m/s²",
             words="DRAC at the last step, 0 without a conflict then",
-            formula=(
-                "DRAC at the last step, the largest of any vehicle; 0 without a conflict then, "
-                "empty after a collision"
-            ),
+            formula="largest DRAC at the last step; 0 without a conflict, empty after a crash",
             source="FHWA",
         ),
     ] = None
@@ -212,6 +204,15 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
                 "collision, and in scenarios that name no challenges"
             ),
             source="own choice",
+        ),
+    ] = None
+    peak_braking_mps2: Annotated[
+        float | None,
+        Measure(
+            label="peak braking of the ego",
+            unit="m/s²",
+            words="deceleration that the ego's brakes can do",
+            formula="what the ego's brakes can do; empty if the simulator does not tell",
         ),
     ] = None
 

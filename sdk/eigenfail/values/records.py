@@ -9,14 +9,11 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, ChannelLikelihood
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
+from eigenfail.values.scene import PEAK_BRAKING_MPS2
 from eigenfail.values.showing import Shown
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
-
-
-PEAK_BRAKING_MPS2 = 7.0
-"""What the truck's brakes can do: a DRAC above it is a violation."""
 
 
 class ConflictClass(StrEnum):
@@ -120,18 +117,18 @@ def is_unresolved(measures: Measures) -> bool:
     """Whether an episode without a collision ended while braking could not avoid one any more.
 
     At a closing speed v and a gap g, constant braking avoids the crash if v² / (2 · g), which is
-    DRAC (FHWA-RD-03-050), is at most what the brakes can do; others are taken to keep their
-    velocities.
+    DRAC (FHWA-RD-03-050), is at most what the ego's brakes can do: 7.0 m/s² where the simulator
+    does not tell. Others are taken to keep their velocities.
     """
-    return (measures.final_drac_mps2 or 0.0) > PEAK_BRAKING_MPS2
+    return (measures.final_drac_mps2 or 0.0) > (measures.peak_braking_mps2 or PEAK_BRAKING_MPS2)
 
 
 def _of_collision(measures: Measures) -> ConflictClass | None:
     if measures.collided_s is None:
         return None
-    need_mps2 = measures.drac_at_warning_mps2
+    need_mps2, peak_mps2 = measures.drac_at_warning_mps2, measures.peak_braking_mps2
     # Without a warning there was nothing to brake for before the contact.
-    hopeless = need_mps2 is None or need_mps2 > PEAK_BRAKING_MPS2
+    hopeless = need_mps2 is None or need_mps2 > (peak_mps2 or PEAK_BRAKING_MPS2)
     return ConflictClass.UNAVOIDABLE if hopeless else ConflictClass.PLANNER_FAILURE
 
 

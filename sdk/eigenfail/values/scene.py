@@ -9,6 +9,9 @@ from msgspec import UNSET, UnsetType
 from eigenfail.values.arrays import Floats
 from eigenfail.values.showing import Brief
 
+PEAK_BRAKING_MPS2: Final = 7.0
+"""Peak braking of the paper's truck. A DRAC above it is a violation."""
+
 UNKNOWN_KIND: Final = "unknown"
 
 VEHICLE_KINDS: Final = (
@@ -53,6 +56,7 @@ class Mission(msgspec.Struct, frozen=True):
 
     Attributes:
         lane_0_ends_x_m: where lane 0 ends, as the lane of a ramp does; None if it goes on.
+        peak_braking_mps2: deceleration that the ego's brakes can do; by default the paper's.
     """
 
     dt_s: float
@@ -62,6 +66,7 @@ class Mission(msgspec.Struct, frozen=True):
     desired_speed_mps: float
     goal_x_m: float
     lane_0_ends_x_m: float | None = None
+    peak_braking_mps2: float = PEAK_BRAKING_MPS2
 
 
 class Perception(msgspec.Struct, frozen=True):
@@ -110,6 +115,8 @@ class Observation(msgspec.Struct, frozen=True):
         cause: cause of the collision, where the scenario names one; None without a collision.
         frames: the truth at equally spaced moments within the step just taken, each as complete as
             this one; empty where the simulator shows the end of a step alone.
+        peak_braking_mps2: deceleration that the ego's brakes can do, at the start alone; None if
+            the simulator does not tell.
     """
 
     step: int
@@ -126,6 +133,7 @@ class Observation(msgspec.Struct, frozen=True):
     signals: Mapping[str, float] | None = None
     cause: str | None = None
     frames: tuple["Observation", ...] = ()
+    peak_braking_mps2: float | None = None
 
     @property
     def numbers(self) -> Sequence[int]:

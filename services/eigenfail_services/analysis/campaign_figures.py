@@ -12,7 +12,8 @@ from eigenfail.methods import traits_of
 from eigenfail.values import safety, summary
 from eigenfail.values.campaign import Campaign, Counts
 from eigenfail.values.estimates import Cost, Interval, Rate
-from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.records import NEAR_MISS_TTC_S
+from eigenfail.values.scene import PEAK_BRAKING_MPS2
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.statistics.comparison import rank_correlation

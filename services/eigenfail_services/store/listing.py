@@ -10,7 +10,7 @@ from eigenfail import filters
 from eigenfail.errors import InvalidValue
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.episode import Outcome
-from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2, ConflictClass, Page
+from eigenfail.values.records import NEAR_MISS_TTC_S, ConflictClass, Page
 from eigenfail_services.store.schema import (
     Number,
     PositionExpression,
@@ -19,6 +19,7 @@ from eigenfail_services.store.schema import (
     episode_index,
     episodes,
     has_no_collision,
+    is_hopeless,
     mode_members,
     requirement_values,
     select_newest_analysis,
@@ -30,7 +31,6 @@ Expression = sa.ColumnElement[Any]
 
 _c = episodes.c
 _COLLIDED = _c.outcome == Outcome.COLLISION
-_HOPELESS = sa.or_(_c.drac_at_warning_mps2.is_(None), _c.drac_at_warning_mps2 > PEAK_BRAKING_MPS2)
 
 _CLASS = sa.case(
     (_c.robustness_m.is_(None), sa.null()),
@@ -38,7 +38,7 @@ _CLASS = sa.case(
     (has_no_collision & (_c.min_ttc_s < NEAR_MISS_TTC_S), ConflictClass.NEAR_MISS.value),
     (has_no_collision, ConflictClass.NONE.value),
     (_c.collided_s.is_(None), sa.null()),
-    (_COLLIDED & _HOPELESS, ConflictClass.UNAVOIDABLE.value),
+    (_COLLIDED & is_hopeless, ConflictClass.UNAVOIDABLE.value),
     (_COLLIDED, ConflictClass.PLANNER_FAILURE.value),
 )
 """Conflict class of an episode as an SQL expression, with the classes of `assess`."""

@@ -14,8 +14,9 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values.campaign_spec import Priority
 from eigenfail.values.episode import FAILURES, Outcome
 from eigenfail.values.measures import MEASURES, Measure
+from eigenfail.values.scene import PEAK_BRAKING_MPS2
 
-VERSION = "1003"
+VERSION = "1004"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -77,6 +78,11 @@ def _find_type(measure: Measure) -> TypeEngine[Any]:
     return sa.Integer() if measure.is_count else sa.Double()
 
 
+def _only(condition: str) -> dict[str, Any]:
+    """Return the options of an index that holds the rows alone for which a condition is true."""
+    return {f"{each}_where": sa.text(condition) for each in ("sqlite", "postgresql")}
+
+
 campaigns = sa.Table(
     "campaigns",
     metadata,
@@ -118,12 +124,7 @@ campaigns = sa.Table(
     sa.Index(None, "made_by", "ended_ms"),
     sa.Index(None, "planner_version", "id"),
     sa.Index(None, "project", "id"),
-    sa.Index(
-        "ix_campaigns_versioned",
-        "id",
-        sqlite_where=sa.text("planner_version IS NOT NULL"),
-        postgresql_where=sa.text("planner_version IS NOT NULL"),
-    ),
+    sa.Index("ix_campaigns_versioned", "id", **_only("planner_version IS NOT NULL")),
     sqlite_autoincrement=True,
 )
 
@@ -158,8 +159,18 @@ ENDED_COLUMNS = (
     "ttc_violated_s",
     "drac_violated_s",
     "drac_at_warning_mps2",
+    "peak_braking_mps2",
 )
 """Columns that sums over the failures of a campaign read: one index holds all of them."""
+
+UNRESOLVED = (
+    f"final_drac_mps2 > coalesce(peak_braking_mps2, {PEAK_BRAKING_MPS2}) "
+    f"AND outcome = '{Outcome.SAFE}' AND collided_s IS NULL"
+)
+"""Whether an episode ended when braking could no longer avoid a collision (`records.assess`).
+
+In text: SQLite uses a partial index only for a query that has its condition without parameters.
+"""
 
 episodes = sa.Table(
     "episodes",
@@ -192,28 +203,29 @@ episodes = sa.Table(
         "steps",
         "wall_s",
     ),
-    sa.Index(
-        "ix_episodes_ended",
-        *ENDED_COLUMNS,
-    ),
+    sa.Index("ix_episodes_ended", *ENDED_COLUMNS),
+    # With the outcome: without it SQLite would take the index of outcomes, and read every safe row.
+    sa.Index("ix_episodes_unresolved", "campaign", "outcome", **_only(UNRESOLVED)),
     # Orders that a page of a list must not sort a million rows for.
     sa.Index(None, "campaign", "robustness_m", "index"),
     sa.Index(None, "campaign", "log_probability", "index"),
     sa.Index(None, "campaign", "severity", "index"),
     sa.Index(None, "campaign", "min_ttc_s", "index", "outcome"),
     sa.Index(None, "campaign", "max_drac_mps2", "index", "outcome"),
-    sa.Index(
-        None,
-        "campaign",
-        "violated",
-        "index",
-        sqlite_where=sa.text("violated IS NOT NULL"),
-        postgresql_where=sa.text("violated IS NOT NULL"),
-    ),
+    sa.Index(None, "campaign", "violated", "index", **_only("violated IS NOT NULL")),
 )
 
 episode_index = episodes.c["index"]
 """The column `index` of the episodes; `episodes.c.index` is a method."""
+
+is_unresolved: sa.ColumnElement[bool] = sa.literal_column(f"({UNRESOLVED})")
+
+is_hopeless = sa.or_(
+    episodes.c.drac_at_warning_mps2.is_(None),
+    episodes.c.drac_at_warning_mps2
+    > sa.func.coalesce(episodes.c.peak_braking_mps2, PEAK_BRAKING_MPS2),
+)
+"""Whether the brakes could not avoid a collision once it showed, if it showed at all."""
 
 is_failure = episodes.c.outcome.in_(FAILURES)
 """Whether an episode is a failure; `~is_failure` holds for errored ones, too."""

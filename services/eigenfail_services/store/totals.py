@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from eigenfail.values import records, safety
 from eigenfail.values.comparison import PairTotals
 from eigenfail.values.episode import FAILURES, Outcome
+from eigenfail.values.scene import PEAK_BRAKING_MPS2
 from eigenfail.values.summary import BlockTotals, SpendingTotals, StoredProgress
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import (
@@ -27,6 +28,8 @@ from eigenfail_services.store.schema import (
     episodes,
     has_no_collision,
     is_failure,
+    is_hopeless,
+    is_unresolved,
     requirement_values,
     spec_field,
 )
@@ -39,17 +42,6 @@ _Column = NDArray[np.float64]
 _FAILED = sa.cast(is_failure, sa.Integer)
 
 _COMPLETED = episodes.c.outcome != Outcome.ERRORED
-
-
-_IS_UNRESOLVED = (
-    episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2,
-    # The largest DRAC is no smaller than the last one: its index leads to the few candidates.
-    episodes.c.max_drac_mps2 > records.PEAK_BRAKING_MPS2,
-    # Without statistics SQLite would take the index of outcomes, and read every safe row.
-    sa.func.coalesce(episodes.c.outcome, sa.null()) == Outcome.SAFE,
-    episodes.c.collided_s.is_(None),
-)
-"""Conditions on episodes that ended when braking could no longer avoid a collision."""
 
 
 def _read_columns(
@@ -68,7 +60,7 @@ def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[Block
     """Return sums over blocks of `per` indices that have a completed episode, in index order."""
     query = (
         sa.select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
-        .add_columns(episodes.c.steps, sa.cast(sa.and_(*_IS_UNRESOLVED), sa.Integer))
+        .add_columns(episodes.c.steps, sa.cast(is_unresolved, sa.Integer))
         .where(episodes.c.campaign == campaign, _COMPLETED)
         # Rows are read in the order in which they were written, one behind the other, and are
         # sorted below.
@@ -211,7 +203,7 @@ _TTC = _Threshold(
 )
 _DRAC = _Threshold(
     episodes.c.max_drac_mps2,
-    episodes.c.max_drac_mps2 > records.PEAK_BRAKING_MPS2,
+    episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
     sa.func.max(episodes.c.max_drac_mps2),
 )
 
@@ -320,7 +312,7 @@ def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
     """
     # In the order of an index: sums of floats depend on it, and reports must not change with it.
     failures = (
-        sa.select(*_SUMMED)
+        sa.select(*_SUMMED, is_hopeless.label("hopeless"))
         .where(episodes.c.campaign.in_(chosen), is_failure)
         .order_by(episodes.c.campaign, episodes.c.outcome, episode_index)
         .subquery()
@@ -328,10 +320,6 @@ def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
     )
     collided = failures.outcome == Outcome.COLLISION
     classified = sa.and_(collided, failures.collided_s.is_not(None))
-    hopeless = sa.or_(
-        failures.drac_at_warning_mps2.is_(None),
-        failures.drac_at_warning_mps2 > records.PEAK_BRAKING_MPS2,
-    )
     ttc_lead_s = failures.collided_s - failures.ttc_violated_s
     drac_lead_s = failures.collided_s - failures.drac_violated_s
     query = sa.select(
@@ -341,8 +329,8 @@ def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
         sa.func.coalesce(sa.func.sum(failures.log_probability), 0.0).label("log_probability"),
         sa.func.coalesce(sa.func.sum(failures.steps), 0).label("steps"),
         sa.func.sum(failures.severity).label("severity"),
-        sa.func.count().filter(sa.and_(classified, hopeless)).label("unavoidable"),
-        sa.func.count().filter(sa.and_(classified, ~hopeless)).label("planner_failures"),
+        sa.func.count().filter(sa.and_(classified, failures.hopeless)).label("unavoidable"),
+        sa.func.count().filter(sa.and_(classified, ~failures.hopeless)).label("planner_failures"),
         sa.func.count().filter(sa.and_(collided, ~classified)).label("unclassified"),
         sa.func.coalesce(sa.func.sum(ttc_lead_s), 0.0).label("ttc_lead_s"),
         sa.func.count(ttc_lead_s).label("ttc_leads"),
@@ -358,7 +346,7 @@ def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
     # taken off, so that the index of the smallest times alone answers the question before.
     near.subtract(_count_by_campaign(connection, naming, *is_near, collided) if near else {})
     allowed = _count_by_campaign(connection, naming, episodes.c.outcome == Outcome.SAFE, collided)
-    unresolved = _count_by_campaign(connection, chosen, *_IS_UNRESOLVED)
+    unresolved = _count_by_campaign(connection, chosen, is_unresolved)
     faults = _find_frequent_faults(connection, chosen)
     return {
         campaign: _to_totals(
@@ -423,7 +411,7 @@ def select_unresolved() -> sa.Select[int, int]:
     """Select the number of unresolved episodes of each campaign that has some."""
     return (
         sa.select(episodes.c.campaign, sa.func.count().label("unresolved"))
-        .where(*_IS_UNRESOLVED)
+        .where(is_unresolved)
         .group_by(episodes.c.campaign)
     )
 

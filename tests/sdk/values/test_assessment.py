@@ -12,14 +12,8 @@ from hypothesis import strategies as st
 from eigenfail.values.disturbance import AXES, NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import DIGESTED_MEASURES, Measures
-from eigenfail.values.records import (
-    IN_WORDS,
-    PEAK_BRAKING_MPS2,
-    Assessment,
-    ConflictClass,
-    assess,
-    is_unresolved,
-)
+from eigenfail.values.records import IN_WORDS, Assessment, ConflictClass, assess, is_unresolved
+from eigenfail.values.scene import PEAK_BRAKING_MPS2
 from eigenfail.values.shapes import Correlated, HeavyTailed
 from eigenfail_api.routes.episodes import make_episode_detail
 
@@ -105,13 +99,17 @@ def test_the_last_step_says_whether_the_end_came_before_the_collision(
 
 
 @many
-@given(st.floats(0.5, 40.0), st.floats(0.1, 100.0))
-def test_unresolved_is_what_the_brakes_could_not_stop(closing_mps: float, gap_m: float) -> None:
+@given(st.floats(0.5, 40.0), st.floats(0.1, 100.0), st.none() | st.floats(1.0, 12.0))
+def test_unresolved_is_what_the_brakes_could_not_stop(
+    closing_mps: float, gap_m: float, peak_mps2: float | None
+) -> None:
     """Against full braking from the last step on, by its stopping distance v² / (2 · b)."""
     drac_mps2 = closing_mps**2 / (2.0 * gap_m)
-    stops_in_m = closing_mps**2 / (2.0 * PEAK_BRAKING_MPS2)
+    stops_in_m = closing_mps**2 / (2.0 * (peak_mps2 or PEAK_BRAKING_MPS2))
     assume(abs(stops_in_m - gap_m) > 1e-9 * gap_m)
-    measures = Measures(gap_m, None, None, drac_mps2, final_drac_mps2=drac_mps2)
+    measures = Measures(
+        gap_m, None, None, drac_mps2, final_drac_mps2=drac_mps2, peak_braking_mps2=peak_mps2
+    )
     assert is_unresolved(measures) is (stops_in_m > gap_m)
 
 

@@ -14,7 +14,7 @@ from eigenfail_services.store.totals import sum_campaigns
 
 INDEXES = (
     "COVERING INDEX ix_episodes_campaign_outcome_min_ttc_s",
-    "INDEX ix_episodes_campaign_max_drac_mps2_index_outcome",
+    "INDEX ix_episodes_unresolved",
 )
 
 

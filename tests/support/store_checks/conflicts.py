@@ -18,15 +18,23 @@ ASSESSED: tuple[tuple[Measures, ConflictClass | None], ...] = (
     (WARNED, ConflictClass.PLANNER_FAILURE),
     (replace(WARNED, drac_at_warning_mps2=7.0), ConflictClass.PLANNER_FAILURE),
     (replace(WARNED, drac_at_warning_mps2=7.5), ConflictClass.UNAVOIDABLE),
+    (replace(WARNED, drac_at_warning_mps2=3.5, peak_braking_mps2=3.2), ConflictClass.UNAVOIDABLE),
+    (
+        replace(WARNED, drac_at_warning_mps2=7.5, peak_braking_mps2=8.0),
+        ConflictClass.PLANNER_FAILURE,
+    ),
     (Measures(0.0, collided_s=2.0), ConflictClass.UNAVOIDABLE),
     (Measures(0.0, severity=9.0), None),
 )
 CLOSE = (0.0, 1.25, 1.5, 1.75, None)
 """MinTTC of episodes without a collision, of which two are near misses. [s]"""
 
-ENDS = ((None, None), (7.0, 7.0), (7.5, 0.0), (9.0, 0.0), (9.0, 7.0), (9.0, 7.5), (30.0, 22.0))
-"""Largest DRAC, and that at the last step, of episodes without a collision: the last two were
-unresolved. [m/s²]
+ENDS = (
+    *((None, None, None), (7.0, 7.0, None), (7.5, 0.0, 3.0), (9.0, 7.0, None), (9.0, 7.5, 8.0)),
+    *((9.0, 7.5, None), (30.0, 22.0, 7.0), (3.5, 3.5, 3.2)),
+)
+"""Largest DRAC, that at the last step, and the ego's peak braking, of episodes without a collision:
+the last three were unresolved. [m/s²]
 """
 
 
@@ -35,15 +43,20 @@ def every_class() -> list[EpisodeResult]:
     crashes = [collision(3 * n, measures=m) for n, (m, _) in enumerate(ASSESSED)]
     safe = [result(3 * n + 1, measures=Measures(1.0, min_ttc_s=s)) for n, s in enumerate(CLOSE)]
     ends = [
-        result(20 + n, measures=Measures(1.0, max_drac_mps2=largest, final_drac_mps2=last))
-        for n, (largest, last) in enumerate(ENDS)
+        result(
+            30 + n,
+            measures=Measures(
+                1.0, max_drac_mps2=largest, final_drac_mps2=last, peak_braking_mps2=peak
+            ),
+        )
+        for n, (largest, last, peak) in enumerate(ENDS)
     ]
     return [*crashes, *safe, *ends, make_errored_result(2, measures=Measures(1.0, min_ttc_s=0.5))]
 
 
 def rows_are_assessed(store: Store) -> None:
     """A row holds every measure, and what `assess` makes of them."""
-    campaign, given = running(store, episodes=30), every_class()
+    campaign, given = running(store, episodes=40), every_class()
     deliver(store, campaign, *given)
     by_index = {each.index: each for each in given}
     for row in store.episodes.page(campaign.id, 100).items:
@@ -60,7 +73,7 @@ def rows_are_assessed(store: Store) -> None:
 
 def counts_conflicts(store: Store) -> None:
     """Totals count classes and sum lead times, of one campaign alone."""
-    campaign, other = running(store, episodes=30), running(store)
+    campaign, other = running(store, episodes=40), running(store)
     nothing = store.figures.totals([campaign.id])[campaign.id].conflicts
     equal(nothing, ConflictTotals(), "Conflicts of nothing")
     given = every_class()
@@ -68,8 +81,8 @@ def counts_conflicts(store: Store) -> None:
     deliver(store, other, collision(0), result(1))
     found = store.figures.totals([campaign.id])[campaign.id].conflicts
     counted = (found.unavoidable, found.planner_failures, found.unclassified, found.near_misses)
-    equal(counted, (2, 2, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
-    equal(found.unresolved, 2, "Unresolved")
+    equal(counted, (3, 3, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
+    equal(found.unresolved, 3, "Unresolved")
     assessed = [assess(each.outcome, each.measures) for each in given]
     ttc = [each.ttc_lead_s for each in assessed if each.ttc_lead_s is not None]
     drac = [each.drac_lead_s for each in assessed if each.drac_lead_s is not None]

@@ -1,4 +1,4 @@
-"""Borders of lanes and kinds of vehicles, as a bridge shows them, in the scene of an episode."""
+"""Lanes, kinds of vehicles and the ego's brakes, as a bridge shows them, in an episode."""
 
 from pathlib import Path
 
@@ -67,6 +67,12 @@ def test_the_road_of_the_start_and_the_kinds_are_in_the_scene(show) -> None:
     stored = to_scene(pack_scene(result.scene))
     assert stored.kinds == result.scene.kinds
     assert all(map(np.array_equal, stored.road, result.scene.road))
+
+
+def test_the_brakes_of_the_start_judge_the_episode(show) -> None:
+    assert show().measures.peak_braking_mps2 is None
+    result = show({"peak_braking_mps2": 4.5}, {"peak_braking_mps2": 9.0})
+    assert result.measures.peak_braking_mps2 == 4.5
 
 
 def test_without_them_the_episode_is_the_same_and_its_scene_has_the_same_bytes(show) -> None:

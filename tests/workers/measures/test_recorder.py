@@ -2,12 +2,13 @@
 
 from math import inf, nan
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.errors import SimulatorError
 from eigenfail.values.episode import Outcome
+from eigenfail.values.measures import Measures
 from eigenfail.values.records import Assessment, ConflictClass, assess
 from eigenfail.values.scene import Control, Observation, VehicleState
 from eigenfail_workers.measures.recorder import Recorder, compute_severity
@@ -155,10 +156,39 @@ def test_without_a_collision_the_earliest_violation_of_any_counts() -> None:
     assert assess(Outcome.SAFE, measures) == Assessment(ConflictClass.NEAR_MISS, unresolved=False)
 
 
+def brake_with(peak_mps2: float, recorder: Recorder) -> Measures:
+    """The measures if the ego's brakes can do so much."""
+    start, *rest = recorder._course
+    return recorded(replace(start, peak_braking_mps2=peak_mps2), *rest).measures(DT_S)
+
+
+def test_the_class_is_that_of_the_vehicles_own_brakes() -> None:
+    crashed = course((12.0, 99.0), (11.0, 99.0), (11.0, 5.0), (11.0, 0.0), collided=True)
+    assert brake_with(10.0, crashed).drac_at_warning_mps2 == pytest.approx(10.0)
+    for peak_mps2, conflict in (
+        (9.9, ConflictClass.UNAVOIDABLE),
+        (10.1, ConflictClass.PLANNER_FAILURE),
+    ):
+        measures = brake_with(peak_mps2, crashed)
+        assert measures.peak_braking_mps2 == peak_mps2
+        assert assess(Outcome.COLLISION, measures).conflict is conflict
+        # Of the threshold of DRAC, which is the paper's, the brakes change nothing.
+        assert measures.drac_violated_s == crashed.measures(DT_S).drac_violated_s
+    ended = course((60.0, 99.0), (12.5, 99.0), collided=False)  # DRAC 50 / 12.5 = 4
+    assert assess(Outcome.SAFE, brake_with(3.9, ended)).unresolved
+    assert not assess(Outcome.SAFE, brake_with(4.1, ended)).unresolved
+
+
+@pytest.mark.parametrize("peak_mps2", [0.0, -1.0, nan])
+def test_brakes_that_do_nothing_are_refused(peak_mps2: float) -> None:
+    with pytest.raises(SimulatorError, match="`peak_braking_mps2` is"):
+        recorded(replace(seen(0, 0.0), peak_braking_mps2=peak_mps2))
+
+
 def test_the_first_moment_off_the_road_is_kept() -> None:
     recorder = Recorder()
     for step, off_road in enumerate((False, False, True, False, True)):
-        recorder.observe(msgspec.structs.replace(seen(step, 0.0), off_road=off_road), DT_S)
+        recorder.observe(replace(seen(step, 0.0), off_road=off_road), DT_S)
     assert recorder.measures(DT_S).left_road_s == pytest.approx(0.2)
     assert recorded(seen(0, 0.0)).measures(DT_S).left_road_s is None
 
@@ -167,7 +197,7 @@ def test_the_ride_is_measured_with_the_rest() -> None:
     recorder = Recorder()
     recorder.observe(seen(0, 0.0), DT_S)
     for step in (1, 2):
-        recorder.observe(msgspec.structs.replace(seen(step, 0.0), applied=Control(-4.0, 0.1)), DT_S)
+        recorder.observe(replace(seen(step, 0.0), applied=Control(-4.0, 0.1)), DT_S)
     measures = recorder.measures(DT_S)
     assert measures.max_jerk_mps3 == pytest.approx(40.0)
     assert (measures.hard_brakings, measures.clipped_steps) == (1, 2)
@@ -204,18 +234,18 @@ def test_after_a_collision_there_is_no_drac_left() -> None:
 )
 def test_numbers_that_would_become_infinite_are_refused(changes, words: str) -> None:
     with pytest.raises(SimulatorError, match=words):
-        recorded(seen(0, 0.0), msgspec.structs.replace(seen(1, 1.0), **changes))
+        recorded(seen(0, 0.0), replace(seen(1, 1.0), **changes))
 
 
 def test_what_was_not_perceived_is_kept() -> None:
-    missed = msgspec.structs.replace(seen(1, 1.0), perceived=(nan, nan))
+    missed = replace(seen(1, 1.0), perceived=(nan, nan))
     assert np.isnan(recorded(seen(0, 0.0), missed).scene(0.1).perceived).all()
 
 
 def show_frames(*at_m: float, step: int = 1) -> Observation:
     """A step whose frames are at these places of the ego; the last is the end of the step."""
     *frames, last = (seen(step, x_m) for x_m in at_m)
-    return msgspec.structs.replace(last, frames=tuple(frames))
+    return replace(last, frames=tuple(frames))
 
 
 def test_frames_within_a_step_count_as_its_end_does() -> None:
@@ -239,11 +269,11 @@ def test_a_collision_in_a_frame_ends_the_episode_there() -> None:
 
 def test_frames_show_that_a_straight_line_would_have_met_nobody() -> None:
     """Between both ends of the step a straight line leads through the car; the frames go round."""
-    aside = msgspec.structs.replace(seen(1, 20.0), ego=car(20.0, -4.0, 10.0))
-    past = msgspec.structs.replace(seen(1, 40.0), ego=car(40.0, 0.0, 10.0))
-    start = msgspec.structs.replace(seen(0, 0.0))
+    aside = replace(seen(1, 20.0), ego=car(20.0, -4.0, 10.0))
+    past = replace(seen(1, 40.0), ego=car(40.0, 0.0, 10.0))
+    start = replace(seen(0, 0.0))
     straight, round_it = Recorder(), Recorder()
     straight.observe(start, 4.0)
     assert straight.observe(past, 4.0).collided
     round_it.observe(start, 4.0)
-    assert not round_it.observe(msgspec.structs.replace(past, frames=(aside,)), 4.0).collided
+    assert not round_it.observe(replace(past, frames=(aside,)), 4.0).collided

@@ -13,6 +13,7 @@ from eigenfail import plugins
 from eigenfail.values.disturbance import POSITION
 from eigenfail.values.scene import Control, Mission, Observation, Perception, VehicleState
 from eigenfail_workers.measures.geometry import separation
+from eigenfail_workers.scenarios.cut_in import CutIn
 from eigenfail_workers.simulators import highway
 
 BUILT_IN = ("highway", "point_mass")
@@ -72,6 +73,15 @@ def test_no_truck_accelerates_beyond_its_power(name: str, small_cut_in: Any) -> 
     for before, after in pairwise(speeds):
         watts = 30_000.0 * (after**2 - before**2) / 2.0 / 0.1
         assert watts == pytest.approx(400_000.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_no_truck_brakes_harder_than_its_scenario_says(name: str) -> None:
+    for parameters, peak_mps2 in (({}, 7.0), ({"peak_braking_mps2": 3.2}, 3.2)):
+        seen = driven(name, CutIn(), Control(-9.0, 0.0), **parameters)
+        assert seen[1].ego.speed_mps == pytest.approx(24.0 - 0.1 * peak_mps2)
+        assert seen[1].applied == Control(-peak_mps2, 0.0)
+        assert seen[0].peak_braking_mps2 == peak_mps2
 
 
 CONTROLS = (

@@ -4,8 +4,11 @@ import json
 import subprocess
 import sys
 
+from eigenfail_workers.compilation import SHARED
+
 ALLOWED = {
-    *("eigenfail", "eigenfail_workers"),
+    # the product, and its compiled modules
+    *("eigenfail", "eigenfail_workers", SHARED),
     # arrays, messages, the bridge's sockets, memory and processor time
     *("numpy", "msgspec", "zmq", "psutil"),
     # the quadratic program; OSQP generates code with jinja2

@@ -268,8 +268,7 @@ def _make_wave(channel: Channel) -> Callable[[int], Row]:
         return lambda step: (float(step % 10 < 3),)
     if channel.kind is LATENCY:
         return lambda _step: (0.2,)
-    amplitude = find_quantity(channel.name).sigma or 1.0
-    return lambda step: (amplitude * wave(step)[0],)
+    return lambda step: ((find_quantity(channel.name).sigma or 1.0) * wave(step)[0],)
 
 
 def refuses_unknown_channels(connection: Connection, start: messages.SlotStart) -> None:
@@ -451,8 +450,7 @@ def _make_start(
 def _check_pace(address: str, start: messages.SlotStart) -> CheckResult:
     try:
         with closing(Connection(address)) as connection:
-            pace = measure_pace(connection, start)
-            verdict, said = pace.judge(start.steps, connection.timeouts)
+            verdict, said = measure_pace(connection, start).judge(start.steps, connection.timeouts)
     except EigenfailError as error:
         verdict, said = CheckVerdict.BROKEN, str(error)
     return CheckResult(f"{start.scenario}, {start.planner}", PACE, verdict, said)

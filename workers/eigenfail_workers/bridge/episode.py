@@ -304,6 +304,7 @@ class ObservationReader:
             off_road=bool(seen.off_road),
             ids=ids,
             signals=seen.signals,
+            peak_braking_mps2=seen.peak_braking_mps2,
         )
 
     def _go_on(

@@ -206,6 +206,7 @@ class SlotObservation(msgspec.Struct, frozen=True):
         path: where it means to drive, the present position first. [m]
         kinds: what each other vehicle is, in their order.
         road: borders of the lanes, each a list of points; of the start alone. [m]
+        peak_braking_mps2: deceleration that the ego's brakes can do; of the start alone.
     """
 
     step: Count | None = None
@@ -225,6 +226,7 @@ class SlotObservation(msgspec.Struct, frozen=True):
     path: Annotated[tuple[Pair, ...], Meta(max_length=MAX_PATH_POINTS)] | None = None
     kinds: Annotated[tuple[bridges.Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
     road: Annotated[tuple[Border, ...], Meta(max_length=MAX_BORDERS)] | None = None
+    peak_braking_mps2: Size | None = None
 
 
 class Observations(BridgeMessage, frozen=True, tag="observations"):

@@ -12,8 +12,8 @@ from eigenfail.values.arrays import LARGEST_FLOAT32, RANGE, Floats, fits_float32
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.episode import Importance
 from eigenfail.values.measures import Measures
-from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.scene import Control, Observation, Scene
+from eigenfail.values.records import NEAR_MISS_TTC_S
+from eigenfail.values.scene import PEAK_BRAKING_MPS2, Control, Observation, Scene
 from eigenfail.values.shapes import Row
 from eigenfail.values.signals import DrivenCourse
 from eigenfail_workers.measures import encounters
@@ -321,6 +321,7 @@ class Recorder:
             clipped_steps=ride.clipped_steps,
             final_drac_mps2=None if collided else self._last_drac_mps2,
             cause=last.cause,
+            peak_braking_mps2=self._course[0].peak_braking_mps2,
         )
 
     def judge(self, measures: Measures, dt_s: float) -> requirements.RequirementVerdict | None:
@@ -385,6 +386,9 @@ def _check(observation: Observation) -> None:
     _check_control(observation.applied, "`applied`", observation.step)
     if observation.perceived is not None:
         _refuse_lost(observation.perceived, "`perceived`", observation.step)
+    if observation.peak_braking_mps2 is not None and not observation.peak_braking_mps2 > 0.0:
+        problem = f"`peak_braking_mps2` is {observation.peak_braking_mps2:g}."
+        raise SimulatorError(problem, "Give it in m/s², above 0, or leave it out.")
 
 
 def _check_control(control: Control | None, name: str, step: int) -> None:

@@ -58,8 +58,7 @@ def act(policy: Policy, state: Floats, eps: Floats) -> Floats:
     for layer in policy.hidden:
         hidden = np.maximum(_affine(layer, hidden), np.float32(0.0))
     log_std = np.clip(_affine(policy.log_std, hidden), LOG_STD_MIN, LOG_STD_MAX)
-    means = _affine(policy.mean, hidden)
-    axes = zip(means.tolist(), log_std.tolist(), eps.tolist(), strict=True)
+    axes = zip(_affine(policy.mean, hidden).tolist(), log_std.tolist(), eps.tolist(), strict=True)
     squashed = np.array([tanh(mean + exp(width) * drawn) for mean, width, drawn in axes])
     z: Floats = np.float32(policy.amplitude) * squashed.astype(np.float32)
     return z

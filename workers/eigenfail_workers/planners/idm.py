@@ -130,8 +130,7 @@ class GapAcceptance:
         )
 
     def _can_follow(self, ego: VehicleState, lead: VehicleState) -> bool:
-        pace_mps = max(ego.speed_mps, lead.speed_mps)
-        wanted = self._model(pace_mps, gap_m(ego, lead), lead.speed_mps)
+        wanted = self._model(max(ego.speed_mps, lead.speed_mps), gap_m(ego, lead), lead.speed_mps)
         return wanted >= -self._settings.safe_deceleration_mps2
 
     def _stays_clear(
@@ -218,8 +217,7 @@ class IntelligentDriver:
         return self._acceleration_mps2
 
     def _leads(self, ego: VehicleState, other: VehicleState) -> bool:
-        aside_m = abs(other.y_m - ego.y_m)
-        return other.x_m > ego.x_m and aside_m < self._settings.lane_half_width_m
+        return other.x_m > ego.x_m and abs(other.y_m - ego.y_m) < self._settings.lane_half_width_m
 
     def _behind(self, speed_mps: float, gap: float, lead_speed_mps: float) -> float:
         """Return the model's acceleration behind a lead; on a free road the gap is infinite."""

@@ -29,6 +29,7 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             follows its script, so that noise cannot change the time.
         final_offset_m: final distance between the centre lines of car and truck. Below 2.25 m their
             footprints overlap laterally.
+        peak_braking_mps2: by default the paper's; a loaded truck brakes with 3 to 4 m/s².
         dt_s: the frames of the paper are not known. 0.02 s over 14 s make the 700 steps that its
             log p implies.
     """
@@ -59,6 +60,7 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = 2.1
     dt_s: Annotated[float, Meta(ge=0.02, le=0.1, description="Duration of a step [s].")] = 0.1
     duration_s: Annotated[float, Meta(ge=10.0, le=20.0, description="Least duration [s].")] = 10.0
+    peak_braking_mps2: Annotated[float, Meta(ge=3, le=7, description="Peak braking [m/s²].")] = 7.0
 
 
 class CutInSituation(msgspec.Struct, frozen=True):
@@ -110,8 +112,9 @@ class CutIn:
         x_m = parameters.initial_gap_m + (scenarios.TRUCK_LENGTH_M + scenarios.CAR_LENGTH_M) / 2.0
         car = scenarios.make_car(x_m, 1, parameters.actor_speed_mps)
         mission = scenarios.make_mission(parameters.ego_speed_mps, GOAL_M)
+        peak = parameters.peak_braking_mps2
         return CutInSituation(
-            mission=msgspec.structs.replace(mission, dt_s=parameters.dt_s),
+            mission=msgspec.structs.replace(mission, dt_s=parameters.dt_s, peak_braking_mps2=peak),
             steps=max(least, ceil(over_s / parameters.dt_s)),
             ego=scenarios.make_truck(parameters.ego_speed_mps),
             actors=(car,),

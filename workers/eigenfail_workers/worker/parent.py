@@ -352,8 +352,7 @@ class Parent:
                 self._heartbeat_s = 0.0
                 self._waiting.popleft()
                 continue
-            setup = self._setups.setups[held.campaign]
-            group = inner_processes.find_group(held.campaign, setup)
+            group = inner_processes.find_group(held.campaign, self._setups.setups[held.campaign])
             if not (self._processes.select(group) and self._child.has_room):
                 return
             self._waiting.popleft()

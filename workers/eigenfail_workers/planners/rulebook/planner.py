@@ -128,8 +128,7 @@ class Rulebook:
             return ()
         ego, profile = self._planned
         places = [ego.x_m + way_m for way_m in profile.ways]
-        ahead = [(x_m, self._lane.lateral_m(ego, x_m)) for x_m in places]
-        return ((ego.x_m, ego.y_m), *ahead)
+        return ((ego.x_m, ego.y_m), *((x_m, self._lane.lateral_m(ego, x_m)) for x_m in places))
 
     def _choose(
         self, start: values.PlanStart, traffic: values.Traffic, ego: VehicleState
