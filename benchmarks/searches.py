@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from benchmarks.episode_pool import EpisodePool, horizon
+from benchmarks.episode_pool import EpisodePool
 from benchmarks.truth.known_problems import Problem
 
 from eigenfail import plugins
@@ -25,7 +25,7 @@ from eigenfail.values.episode import EpisodeResult, EpisodeSetup, learner_seed
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Predecessor
 from eigenfail.values.records import FailureCourse, make_failure_course
-from eigenfail.worlds import list_channels
+from eigenfail.worlds import list_channels, world_of
 from eigenfail_services.campaigns.references import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
@@ -74,9 +74,14 @@ class Found(NamedTuple):
 
 def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Floats] = ()) -> Found:
     """Run a campaign; one of `evaluate` uses what an earlier one has learnt, some inject noise."""
-    given = context(spec, horizon(spec.scenario), earlier, noise)
+    given = context(spec, count_steps(spec), earlier, noise)
     # An engine of its own: policies of earlier campaigns would be in the way of its first ones.
     return run(spec, given, Engine(spec.setup()))
+
+
+def count_steps(spec: CampaignSpec) -> int:
+    """The number of steps of a campaign's episodes."""
+    return world_of(spec.simulator).find_form(spec).steps
 
 
 def search_function(spec: CampaignSpec, problem: Problem) -> Found:
@@ -113,13 +118,13 @@ def side_by_side(pool: EpisodePool, specs: list[CampaignSpec]) -> list[Found]:
 
 
 def evaluations(
-    pool: EpisodePool, learnt: list[Found], episodes: int, **parameters: float
+    pool: EpisodePool, learnt: list[Found], episodes: int, **parameters: Any
 ) -> list[Found]:
     """Evaluate what campaigns have learnt, in the scenario with these parameters."""
     return pool.each(search, list_evaluations(learnt, episodes, **parameters), learnt)
 
 
-def list_evaluations(learnt: list[Found], episodes: int, **parameters: float) -> list[CampaignSpec]:
+def list_evaluations(learnt: list[Found], episodes: int, **parameters: Any) -> list[CampaignSpec]:
     """The campaigns that evaluate what others have learnt; parameters as for `evaluations`."""
     return [
         msgspec.structs.replace(
@@ -149,12 +154,12 @@ def context(
         episodes=spec.episodes,
         horizon=steps,
         trajectories=stack_noise(noise, EpisodeForm(steps, channels=list_channels(spec))),
-        predecessors=() if earlier is None else (predecessor(earlier, steps),),
+        predecessors=() if earlier is None else (predecessor(earlier),),
         parallel=spec.parallel,
     )
 
 
-def predecessor(earlier: Found, steps: int) -> Predecessor:
+def predecessor(earlier: Found) -> Predecessor:
     """The learner of a campaign, for one that uses it."""
     spec = earlier.spec
     return Predecessor(
@@ -163,7 +168,7 @@ def predecessor(earlier: Found, steps: int) -> Predecessor:
         settings=spec.settings,
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
-        horizon=steps,
+        horizon=count_steps(spec),
         state=earlier.state,
     )
 

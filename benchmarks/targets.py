@@ -83,6 +83,7 @@ TARGETS = {
     "drive.undisturbed": Target(high=0.0),
     "drive.last_tenth": Target(high=0.2),
     "ast.transfer_worst": Target(low=0.9),
+    "ast.transfer_alpha_600_worst": Target(low=0.9),
     "ast.merge_in_worst": Target(low=0.5),
     "ast.fast_equals_sb3": Target(high=1e-6),
     "paper.steps": Target(low=600.0),

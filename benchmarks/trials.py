@@ -24,6 +24,7 @@ from benchmarks.peers.simple_searches import PLACES, SEARCHES, compare, list_sea
 from benchmarks.speed import parallel, subset_parallel
 from benchmarks.targets import TARGETS
 from benchmarks.truth import (
+    action_length,
     channels,
     difs_network,
     drive,
@@ -110,15 +111,18 @@ TRIALS = [
     Trial(("ast_parallel_",), parallel.find_figures),
     Trial(("subset_busy_",), subset_parallel.find_busy),
     Trial(("subset_parallel_",), subset_parallel.find_estimates),
-    Trial(("ast.transfer",), transfer.over_a_distribution),
     Trial(
-        ("ast.one_scenario.",),
-        partial(transfer.from_one_scenario, "ast.one_scenario", {}),
+        ("ast.transfer.", "ast.transfer_worst", "ast.transfer_median"),
+        transfer.over_a_distribution,
     ),
-    Trial(
-        ("ast.wide.",),
-        partial(transfer.from_one_scenario, "ast.wide", transfer.WIDE),
+    *(
+        Trial(
+            (f"ast.one_scenario_{name}.", f"ast.transfer_{name}_"),
+            partial(transfer.from_one_scenario, name),
+        )
+        for name in transfer.RECIPES
     ),
+    Trial(("ast.length.",), action_length.find),
     Trial(("ast.merge_in_worst",), merge_by_default),
     Trial(("ast.fast_equals_sb3",), trainers.find_difference),
     Trial(("paper.steps",), paper_steps.find_steps),

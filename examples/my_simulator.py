@@ -13,7 +13,7 @@ from eigenfail.values.disturbance import AXES
 from eigenfail.values.scene import Control, Observation, Perception, VehicleState
 
 LAG_S = 0.3
-BRAKES_MPS2, GAS_MPS2 = 7.0, 2.0
+GAS_MPS2 = 2.0
 
 Others = tuple[VehicleState, ...]
 
@@ -39,7 +39,9 @@ class LaggingSimulation:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         self._begin(seed)
         self._planner.reset(self._situation.mission)
-        self._last = Observation(0, self._situation.ego, self._situation.actors)
+        situation = self._situation
+        brakes_mps2 = situation.mission.peak_braking_mps2
+        self._last = Observation(0, situation.ego, situation.actors, peak_braking_mps2=brakes_mps2)
         return self._last
 
     def step(self, disturbance: tuple[float, ...]) -> Observation:
@@ -87,7 +89,8 @@ class LaggingSimulation:
 
     def _move(self, step: int, ego: VehicleState, control: Control) -> tuple[VehicleState, Others]:
         """The truck follows what was asked for with a lag; then the actors play their script."""
-        asked = min(max(control.acceleration_mps2, -BRAKES_MPS2), GAS_MPS2)
+        brakes_mps2 = self._situation.mission.peak_braking_mps2
+        asked = min(max(control.acceleration_mps2, -brakes_mps2), GAS_MPS2)
         self._acceleration += (asked - self._acceleration) * self.dt_s / LAG_S
         travelled_m = ego.speed_mps * self.dt_s
         moved = replace(

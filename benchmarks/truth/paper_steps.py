@@ -13,13 +13,11 @@ from benchmarks.episode_pool import EpisodePool
 from benchmarks.figures import ROOT, Figure
 from benchmarks.learning_figures import failure_rate, of_seeds
 from benchmarks.samples import COMMAND, share
-from benchmarks.searches import Found, context, list_evaluations, run
+from benchmarks.searches import Found, count_steps, list_evaluations, search
 from benchmarks.truth.shapes import draw_held_noise
 
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import EpisodeTask, TrajectorySource
-from eigenfail.worlds import world_of
-from eigenfail_workers.engine import Engine
 
 EXAMPLE = ROOT / "examples" / "paper_steps.toml"
 
@@ -51,20 +49,10 @@ def read_example() -> CampaignSpec:
     return msgspec.toml.decode(EXAMPLE.read_bytes(), type=CampaignSpec)
 
 
-def count_steps(spec: CampaignSpec) -> int:
-    """The number of steps of an episode."""
-    return world_of(spec.simulator).find_form(spec).steps
-
-
 def scale_noise(spec: CampaignSpec, scale: float) -> CampaignSpec:
     """The campaign with another share of the sensor's noise."""
     disturbance = msgspec.structs.replace(spec.disturbance, scale=scale)
     return msgspec.structs.replace(spec, disturbance=disturbance)
-
-
-def search(spec: CampaignSpec, earlier: Found | None = None) -> Found:
-    """Run a campaign whose episodes have the steps of its own parameters."""
-    return run(spec, context(spec, count_steps(spec), earlier), Engine(spec.setup()))
 
 
 def describe_noise(

@@ -1,11 +1,11 @@
 """The transfer of a policy: where it is trained, and which draws of the judged range count."""
 
-import pytest
 from benchmarks.claims import SEED
-from benchmarks.truth.transfer import JUDGED, is_reachable, list_seeds, name_seeds, read_example
+from benchmarks.truth.transfer import JUDGED, LONG, PLACES, list_seeds, name_seeds, read_example
 
 from eigenfail.values.variation import read_distribution
-from eigenfail_workers.scenarios.cut_in import CutInParameters
+from eigenfail_workers.scenarios import DT_S
+from eigenfail_workers.scenarios.cut_in import CutIn, CutInParameters
 
 
 def test_training_covers_the_judged_range_and_the_default_gap():
@@ -19,17 +19,24 @@ def test_training_covers_the_judged_range_and_the_default_gap():
     assert "initial_gap_m" not in JUDGED
 
 
-@pytest.mark.parametrize(("closing_mps", "reached"), [(9.39, False), (9.41, True)])
-def test_a_truck_reaches_the_car_if_it_closes_the_gap_of_94_m_within_10_s(closing_mps, reached):
-    # At a distance of 64 m the episode has its least length: 30 m / 9.4 m/s + 3 s + 3 s < 10 s.
-    parameters = CutInParameters(
-        distance_m=64.0, ego_speed_mps=13.0 + closing_mps, actor_speed_mps=13.0
-    )
-    assert is_reachable(parameters) is reached
+def test_the_truck_reaches_the_car_at_every_place_before_the_episode_ends():
+    gap, speeds = CutInParameters().initial_gap_m, ("ego_speed_mps", "actor_speed_mps")
+    (slow, _), (_, fast) = (read_distribution(JUDGED[name], name).ends() for name in speeds)
+    assert min(PLACES["ego_speed_mps"]) >= slow
+    assert max(PLACES["actor_speed_mps"]) <= fast
+    slowest = CutInParameters(ego_speed_mps=slow, actor_speed_mps=fast)
+    assert gap / (slow - fast) > CutIn()(slowest, 0).steps * DT_S
+    longer = CutInParameters(ego_speed_mps=slow, actor_speed_mps=fast, **LONG)
+    assert gap / (slow - fast) < CutIn()(longer, 0).steps * DT_S - 2.0
 
 
 def test_the_seeds_of_the_figures_are_named_and_are_not_those_of_the_tuning():
-    looked_at = {*range(20261122, 20261211), *range(20263001, 20263011), *range(20270001, 20270017)}
+    looked_at = {
+        *range(20261122, 20261211),
+        *range(20263001, 20263011),
+        *range(20270001, 20270017),
+        *range(20291201, 20291211),
+    }
     judged = list_seeds(SEED)
     assert looked_at.isdisjoint(judged)
     assert name_seeds(SEED) == f"{judged[0]} to {judged[-1]}"

@@ -11,6 +11,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Column, Integer, MetaData, Table, inspect, text
+from store_checks.conflicts import every_class
 from store_checks.examples import deliver, running
 
 import eigenfail_services
@@ -190,6 +191,23 @@ def test_an_older_database_is_upgraded_with_all_that_is_in_it(url, look, tomorro
     assert after["campaigns"] == [(*row, "") for row in before["campaigns"]]
     downgrade(url, schema.VERSION)
     assert look(url, contents) == before
+
+
+def test_episodes_without_stated_brakes_keep_their_classes(url) -> None:
+    """Version 1003 judged all episodes by the paper's 7 m/s²."""
+    store = open_store(url)
+    campaign, given = running(store, episodes=50), every_class()
+    older = [each for each in given if each.measures.peak_braking_mps2 is None]
+    deliver(store, campaign, *older)
+    before = store.figures.totals([campaign.id]), store.episodes.page(campaign.id, 100).items
+    store.close()
+    downgrade(url, "1003")
+    store = open_store(url)
+    after = store.figures.totals([campaign.id]), store.episodes.page(campaign.id, 100).items
+    assert after == before
+    assert before[0][campaign.id].conflicts.unavoidable > 0
+    assert before[0][campaign.id].conflicts.unresolved > 0
+    store.close()
 
 
 @pytest.mark.fault(

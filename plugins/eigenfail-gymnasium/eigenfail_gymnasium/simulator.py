@@ -15,7 +15,7 @@ from eigenfail.values.channels import (
     Channel,
     split_name,
 )
-from eigenfail.values.scene import PEAK_BRAKING_MPS2, Control, Observation
+from eigenfail.values.scene import Control, Observation
 from eigenfail.values.shapes import Row
 from eigenfail_gymnasium.environments import GymnasiumParameters
 from eigenfail_gymnasium.scenario import open_stage
@@ -188,7 +188,7 @@ class GymnasiumSimulation:
             if not stage.takes_controls:
                 problem = "The planner answers accelerations, which this environment cannot take."
                 raise PlannerError(problem, 'Write planner = "policy".')
-            applied = clip_control(control, now.ego.speed_mps, PEAK_BRAKING_MPS2)
+            applied = clip_control(control, now.ego.speed_mps, stage.mission.peak_braking_mps2)
         if self._is_over:
             # The planner is asked all the same: a contract says that it is, at every step.
             later = replace(now, step=now.step + 1, frames=())

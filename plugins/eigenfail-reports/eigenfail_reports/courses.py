@@ -35,7 +35,7 @@ HOW_TO_READ = (
     "MinTTC is an episode's smallest time to collision, DRAC the largest deceleration that would "
     "have been required to avoid the crash; thresholds are 1.5 s and 7.0 m/s². A near miss is "
     "MinTTC below 1.5 s without a collision. A collision is unavoidable if DRAC was more than the "
-    "ego's brakes can do (7.0 m/s² unless the scenario says otherwise) when TTC first fell below "
+    "ego's brakes can do (7.0 m/s² unless another limit is stated) when TTC first fell below "
     "1.5 s, or if nothing showed before the contact. Any other collision is a planner failure: it "
     "is not shown to be unavoidable. Lead times end at the collision."
 )

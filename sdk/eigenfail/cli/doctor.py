@@ -324,8 +324,7 @@ def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
 
 def _write_golden_messages(folder: Path, as_json: bool) -> None:
     """Write each golden message as bytes, and as JSON for people."""
-    answer = ask_about_bridges(GoldenMessages())
-    messages = msgspec.json.decode(answer, type=dict[str, bytes])
+    messages = msgspec.json.decode(ask_about_bridges(GoldenMessages()), type=dict[str, bytes])
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in messages.items():
         text = msgspec.json.format(msgspec.json.encode(msgspec.msgpack.decode(data)))

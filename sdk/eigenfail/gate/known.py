@@ -283,8 +283,7 @@ def add_modes(
         return replace(judged, modes=f"Whether a failure mode is new cannot be decided: {reason}")
     new = [*find_new_modes(result, judged.before, judged.now)]
     if not new:
-        words = f"None of {len(result.modes)} failure modes is new."
-        return replace(judged, modes=words)
+        return replace(judged, modes=f"None of {len(result.modes)} failure modes is new.")
     counts, rows = judged.judges_modes, now.outcomes.failures
     became = GateVerdict.NEW if counts else GateVerdict.UNPROVEN
     described = [(one.words(counts), rows.get(one.episode)) for one in new]

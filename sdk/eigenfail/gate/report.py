@@ -120,8 +120,7 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         """`open`, `closed`, or `inconclusive` where only episodes in doubt keep it closed."""
         if self.open:
             return "open"
-        is_closed = self.gate.closing & self.counts.keys()
-        return "closed" if is_closed else INCONCLUSIVE
+        return "closed" if self.gate.closing & self.counts.keys() else INCONCLUSIVE
 
     @property
     def in_trouble(self) -> bool:

@@ -224,8 +224,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
         A shape adds to it where there is noise that does not follow from z and sigma alone.
         """
         measures = self.measures or Measures(float("nan"))
-        packed = measures.packed()
-        parts = (self.outcome.encode(), struct.pack("<q", self.steps), packed)
+        parts = (self.outcome.encode(), struct.pack("<q", self.steps), measures.packed())
         arrays = (self.noise.z.tobytes(), self.noise.sigma.tobytes())
         fault = self.fault.kind.encode() if self.fault else b""
         plain = self.noise.shape == White() or not self.noise.z.size

@@ -21,8 +21,8 @@ FIRST_MEASURES = 4
 DIGESTED_MEASURES = 12
 """Number of measures that a digest covers.
 
-Later ones follow from the same course, but for `cause`: it also has what the planner says of its
-losses of tracks (`TrackingPlanner`).
+Later ones follow from the same course, but for two: `cause` also has what the planner says of its
+losses of tracks (`TrackingPlanner`), and `peak_braking_mps2` is what the simulator states.
 """
 
 
@@ -95,7 +95,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             unit="s",
             words="when DRAC first exceeded 7 m/s²",
             formula="when DRAC was first above 7.0 m/s²; empty if never",
-            source="threshold: paper, the truck's peak braking",
+            source="threshold: paper, whatever the ego's brakes can do",
             event="DRAC above 7 m/s²",
         ),
     ] = None
@@ -138,7 +138,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             label="largest jerk",
             unit="m/s³",
             words="largest jerk",
-            formula="largest |a_t − a_{t−1}| ÷ dt of the applied acceleration, a = 0 at first",
+            formula="largest |a_t − a_{t−1}| ÷ dt of the applied acceleration; before, a = 0",
         ),
     ] = None
     hard_brakings: Annotated[
@@ -164,7 +164,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             label="DRAC at the last step",
             unit="m/s²",
             words="DRAC at the last step, 0 without a conflict then",
-            formula="largest DRAC at the last step; 0 without a conflict, empty after a crash",
+            formula="largest DRAC at the last step; 0 without a conflict, empty after contact",
             source="FHWA",
         ),
     ] = None
@@ -212,7 +212,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             label="peak braking of the ego",
             unit="m/s²",
             words="deceleration that the ego's brakes can do",
-            formula="what the ego's brakes can do; empty if the simulator does not tell",
+            formula="what the ego's brakes can do; empty if it is not stated: 7 m/s² then",
         ),
     ] = None
 

@@ -194,8 +194,7 @@ class Retention(msgspec.Struct, frozen=True):
 
     def takes(self, outcome: Outcome, source: str, index: int) -> bool:
         """Whether an episode's noise goes: only what ran, and ended in no collision."""
-        ours = outcome is Outcome.SAFE and source == self.source
-        return ours and index % self.keep_every != 0
+        return outcome is Outcome.SAFE and source == self.source and index % self.keep_every != 0
 
 
 class Weight(msgspec.Struct, frozen=True):

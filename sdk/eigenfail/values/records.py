@@ -118,17 +118,22 @@ def is_unresolved(measures: Measures) -> bool:
 
     At a closing speed v and a gap g, constant braking avoids the crash if v² / (2 · g), which is
     DRAC (FHWA-RD-03-050), is at most what the ego's brakes can do: 7.0 m/s² where the simulator
-    does not tell. Others are taken to keep their velocities.
+    does not state it. Others are taken to keep their velocities.
     """
-    return (measures.final_drac_mps2 or 0.0) > (measures.peak_braking_mps2 or PEAK_BRAKING_MPS2)
+    return not _can_brake(measures, measures.final_drac_mps2 or 0.0)
+
+
+def _can_brake(measures: Measures, need_mps2: float) -> bool:
+    peak_mps2 = measures.peak_braking_mps2
+    return need_mps2 <= (PEAK_BRAKING_MPS2 if peak_mps2 is None else peak_mps2)
 
 
 def _of_collision(measures: Measures) -> ConflictClass | None:
     if measures.collided_s is None:
         return None
-    need_mps2, peak_mps2 = measures.drac_at_warning_mps2, measures.peak_braking_mps2
+    need_mps2 = measures.drac_at_warning_mps2
     # Without a warning there was nothing to brake for before the contact.
-    hopeless = need_mps2 is None or need_mps2 > (peak_mps2 or PEAK_BRAKING_MPS2)
+    hopeless = need_mps2 is None or not _can_brake(measures, need_mps2)
     return ConflictClass.UNAVOIDABLE if hopeless else ConflictClass.PLANNER_FAILURE
 
 

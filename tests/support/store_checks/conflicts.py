@@ -23,6 +23,7 @@ ASSESSED: tuple[tuple[Measures, ConflictClass | None], ...] = (
         replace(WARNED, drac_at_warning_mps2=7.5, peak_braking_mps2=8.0),
         ConflictClass.PLANNER_FAILURE,
     ),
+    (replace(WARNED, drac_at_warning_mps2=3.5, peak_braking_mps2=0.0), ConflictClass.UNAVOIDABLE),
     (Measures(0.0, collided_s=2.0), ConflictClass.UNAVOIDABLE),
     (Measures(0.0, severity=9.0), None),
 )
@@ -81,7 +82,7 @@ def counts_conflicts(store: Store) -> None:
     deliver(store, other, collision(0), result(1))
     found = store.figures.totals([campaign.id])[campaign.id].conflicts
     counted = (found.unavoidable, found.planner_failures, found.unclassified, found.near_misses)
-    equal(counted, (3, 3, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
+    equal(counted, (4, 3, 1, 2), "Unavoidable, planner failures, unclassified, near misses")
     equal(found.unresolved, 3, "Unresolved")
     assessed = [assess(each.outcome, each.measures) for each in given]
     ttc = [each.ttc_lead_s for each in assessed if each.ttc_lead_s is not None]

@@ -30,17 +30,19 @@ ODD = "'; DROP --"
 
 def some_of_everything() -> list[EpisodeResult]:
     """Every class, ties, measures that are missing, odd names."""
-    alike = (result(index, measures=None) for index in (17, 18))
-    other = result(19, source=ODD, seed=2**62 + 1, wall_s=0.25)
-    return [*every_class(), *alike, other, make_errored_result(15, ODD), collision(16, steps=5)]
+    alike = (result(index, measures=None) for index in (47, 48))
+    other = result(49, source=ODD, seed=2**62 + 1, wall_s=0.25)
+    return [*every_class(), *alike, other, make_errored_result(45, ODD), collision(46, steps=5)]
 
 
 def filled(store: Store) -> tuple[int, list[EpisodeRow]]:
     """A campaign with some of everything, and its rows in index order."""
-    campaign, other = running(store, episodes=30), running(store)
-    deliver(store, campaign, *some_of_everything())
+    campaign, other, given = running(store, episodes=50), running(store), some_of_everything()
+    deliver(store, campaign, *given)
     deliver(store, other, collision(0), result(1))
-    return campaign.id, list(store.episodes.page(campaign.id, 100).items)
+    rows = list(store.episodes.page(campaign.id, 100).items)
+    equal(len(rows), len(given), "Episodes that are kept")
+    return campaign.id, rows
 
 
 def every_condition(rows: list[EpisodeRow]) -> Iterator[Condition]:

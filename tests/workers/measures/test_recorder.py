@@ -179,7 +179,7 @@ def test_the_class_is_that_of_the_vehicles_own_brakes() -> None:
     assert not assess(Outcome.SAFE, brake_with(4.1, ended)).unresolved
 
 
-@pytest.mark.parametrize("peak_mps2", [0.0, -1.0, nan])
+@pytest.mark.parametrize("peak_mps2", [0.0, -1.0, nan, inf])
 def test_brakes_that_do_nothing_are_refused(peak_mps2: float) -> None:
     with pytest.raises(SimulatorError, match="`peak_braking_mps2` is"):
         recorded(replace(seen(0, 0.0), peak_braking_mps2=peak_mps2))

@@ -1,5 +1,5 @@
-"""Without noise the cut-in harms nobody: `rulebook` everywhere in the declared bounds, and `idm`
-where the truck can brake as hard as the paper's: it brakes late.
+"""Without noise the cut-in harms nobody: `rulebook` everywhere in the declared bounds, and `idm`,
+which brakes late, with the brakes of the paper's truck.
 """
 
 from itertools import product
@@ -21,7 +21,7 @@ def grid():
 
     Every combination of the values of any three parameters is among them (an orthogonal array of
     strength 3), so a failure that takes three parameters at most is met. All 729 with the default
-    durations are run by `benchmarks/truth/undisturbed.py`.
+    durations and brakes are run by `benchmarks/truth/undisturbed.py`.
     """
     (schema,) = msgspec.json.schema(CutInParameters)["$defs"].values()
     fields = schema["properties"]

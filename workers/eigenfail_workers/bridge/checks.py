@@ -268,7 +268,8 @@ def _make_wave(channel: Channel) -> Callable[[int], Row]:
         return lambda step: (float(step % 10 < 3),)
     if channel.kind is LATENCY:
         return lambda _step: (0.2,)
-    return lambda step: ((find_quantity(channel.name).sigma or 1.0) * wave(step)[0],)
+    amplitude = find_quantity(channel.name).sigma or 1.0
+    return lambda step: (amplitude * wave(step)[0],)
 
 
 def refuses_unknown_channels(connection: Connection, start: messages.SlotStart) -> None:

@@ -371,8 +371,7 @@ def record_step(seen: messages.SlotObservation, now: Observation, dt_s: float) -
     # An account may be plain text: it is kept under one name.
     given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
     account, path = read_account(given or {}), thin_path(seen.path or ())
-    control = now.control or Control(0.0, 0.0)
-    return RecordedStep((now.step - 1) * dt_s, control, account, path)
+    return RecordedStep((now.step - 1) * dt_s, now.control or Control(0.0, 0.0), account, path)
 
 
 def _read_ego(seen: messages.SlotObservation, step: int) -> VehicleState:

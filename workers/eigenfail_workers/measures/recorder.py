@@ -386,9 +386,10 @@ def _check(observation: Observation) -> None:
     _check_control(observation.applied, "`applied`", observation.step)
     if observation.perceived is not None:
         _refuse_lost(observation.perceived, "`perceived`", observation.step)
-    if observation.peak_braking_mps2 is not None and not observation.peak_braking_mps2 > 0.0:
-        problem = f"`peak_braking_mps2` is {observation.peak_braking_mps2:g}."
-        raise SimulatorError(problem, "Give it in m/s², above 0, or leave it out.")
+    peak_mps2 = observation.peak_braking_mps2
+    if peak_mps2 is not None and not 0.0 < peak_mps2 <= LARGEST_FLOAT32:
+        problem = f"`peak_braking_mps2` is {peak_mps2:g}."
+        raise SimulatorError(problem, "State it in m/s², above 0, or leave it out.")
 
 
 def _check_control(control: Control | None, name: str, step: int) -> None:

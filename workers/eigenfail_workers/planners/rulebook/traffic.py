@@ -161,8 +161,7 @@ class GapFinder:
         # Sorted here: the order of the tracks is that of their birth.
         there.sort(key=lambda one: one.along.position_m)
         ahead = [one for one in there if one.along.position_m > ego.x_m]
-        behind = [one for one in reversed(there) if one.along.position_m <= ego.x_m]
-        return ahead, behind
+        return ahead, [one for one in reversed(there) if one.along.position_m <= ego.x_m]
 
     def _between(self, ahead: Tracks, behind: Tracks, ego: VehicleState) -> Gap:
         return Gap(
