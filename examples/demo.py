@@ -1,4 +1,4 @@
-"""`make demo`: three searches for failures, their modes, the replay of these, and the bill.
+"""`make demo`: four searches for failures, their modes, the replay of these, and the bill.
 
 Starts a service on ./eigenfail-data as `eigenfail up` does, asks it over REST, and stops it again.
 """
@@ -23,7 +23,7 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.summary import Summary
 
 HERE = Path(__file__).parent
-EPISODES = {"monte_carlo": 400, "ast": 400, "difs": 400}
+EPISODES = {"monte_carlo": 400, "ast": 400, "difs": 400, "held": 400}
 ANALYSED = "ast"
 # The defaults, which `eigenfail analyze 2 --prove`, the dashboard and the client have, too.
 ANALYSIS = AnalysisSettings()

@@ -40,32 +40,30 @@ PAPER: Mapping[str, Any] = MappingProxyType(
 )
 """Values of the paper's main runs; the paper has no amplitude, and neither restarts nor an end."""
 
-ROWS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+SHORT_AND_LONG_S = (0.1, 1.0)
+
+ROWS: Mapping[str, tuple[Mapping[str, Any], tuple[float, ...]]] = MappingProxyType(
     {
-        "paper": {},
-        "amplitude_2": {"amplitude": 2.0},
-        "gamma_1": {"gamma": 1.0},
-        "n_step_10": {"n_step": 10},
-        "gradient_steps_4": {"gradient_steps": 4},
-        "tau_0.01": {"tau": 0.01},
+        "paper": ({}, LENGTHS_S),
+        "amplitude_2": ({"amplitude": 2.0}, LENGTHS_S),
+        "n_step_10": ({"n_step": 10}, SHORT_AND_LONG_S),
+        "gamma_1": ({"gamma": 1.0}, SHORT_AND_LONG_S),
+        "tau_0.01": ({"tau": 0.01}, SHORT_AND_LONG_S),
+        "gradient_steps_4": ({"gradient_steps": 4}, SHORT_AND_LONG_S),
     }
 )
-
-SB3_LENGTHS_S = (0.1, 1.0)
-"""Lengths with stable-baselines3, which takes seven times as long for the same updates."""
+"""What each row changes, and how long its actions last."""
 
 
 def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
-    """What each row finds with actions of each length, and uniform noise without learning."""
-    for name, changes in ROWS.items():
-        for length_s in LENGTHS_S:
-            yield from describe(pool, name, changes, length_s, seed)
-    for length_s in SB3_LENGTHS_S:
-        yield from describe(pool, "sb3", {"trainer": "sb3"}, length_s, seed)
+    """What each row finds with actions of some lengths, and uniform noise without learning."""
     for amplitude in (2.0, 3.0):
         for length_s in LENGTHS_S:
             name = f"uniform_{amplitude:g}"
             yield f"ast.length.{name}.{length_s:g}s", draw_uniform(pool, amplitude, length_s, seed)
+    for name, (changes, lengths_s) in ROWS.items():
+        for length_s in lengths_s:
+            yield from describe(pool, name, changes, length_s, seed)
 
 
 def make_spec(changes: Mapping[str, Any], length_s: float, seed: int) -> CampaignSpec:

@@ -84,7 +84,7 @@ def test_the_readme_shows_what_the_demo_prints(readme):
     columns = [column.label for column in tabulate_results([]).columns]
     (header,) = [line for line in shown.splitlines() if "episodes/s" in line]
     assert " ".join(header.split()) == " ".join(columns)
-    for method in ("monte_carlo", "ast", "difs"):
+    for method in ("monte_carlo", "ast", "difs", "held"):
         assert f" {method} " in shown
     assert "reproduced a failure" in shown
 
