@@ -112,7 +112,7 @@ AnalysisId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of an analysi
 ModeNumber = Annotated[int, Path(ge=1, le=LARGEST, description="Number of the mode, from 1.")]
 EpisodeIndex = Annotated[int, Path(ge=0, le=LARGEST, description="Index within the campaign.")]
 Limit = Annotated[int, Query(ge=1, le=1000, description="Maximum number of items on a page.")]
-Project = Annotated[str | None, Query(description="Only campaigns of this project.")]
+Project = Annotated[str | None, Query(description="Limit to this project.")]
 WithTotal = Annotated[
     bool,
     Query(

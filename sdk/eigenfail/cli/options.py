@@ -40,7 +40,7 @@ CampaignId = Annotated[
         autocompletion=completion.complete_campaigns,
     ),
 ]
-Project = Annotated[str | None, typer.Option(help="Only campaigns of this project.")]
+Project = Annotated[str | None, typer.Option(help="Limit to this project.")]
 EpisodeId = Annotated[
     str, typer.Argument(metavar="CAMPAIGN/INDEX", help="An episode, such as 3/17.")
 ]
