@@ -50,6 +50,7 @@ ROWS: Mapping[str, tuple[Mapping[str, Any], tuple[float, ...]]] = MappingProxyTy
         "gamma_1": ({"gamma": 1.0}, SHORT_AND_LONG_S),
         "tau_0.01": ({"tau": 0.01}, SHORT_AND_LONG_S),
         "gradient_steps_4": ({"gradient_steps": 4}, SHORT_AND_LONG_S),
+        "sb3": ({"trainer": "sb3"}, LENGTHS_S[:1]),
     }
 )
 """What each row changes, and how long its actions last."""
