@@ -241,7 +241,7 @@ async def read_form(request: Request, most_fields: int) -> dict[str, str]:
     """Return the texts of a form by the names of its elements; an empty one has an empty text.
 
     Raises:
-        HTTPException: 400, the body is no form, or has more fields; 413, it is larger than the
+        HTTPException: 400, the body is not a form, or has more fields; 413, it is larger than the
             limit.
     """
     body = await read_within(request)

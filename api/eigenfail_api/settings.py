@@ -49,7 +49,7 @@ class ApiSettings(BaseSettings):
         max_connections: open at a time; while there are more, requests get a 503.
         max_requests_per_s: requests of one key that are answered, on average
             over five seconds; others get a 429.
-        max_keyless_requests_per_s: the same for one address, where no key is required.
+        max_keyless_requests_per_s: the same for one address, if no key is required.
         poll_s: interval at which the event log is read for open event streams.
     """
 

@@ -38,7 +38,10 @@ PAPER: Mapping[str, Any] = MappingProxyType(
         "converged_share": None,
     }
 )
-"""Values of the paper's main runs; the paper has no amplitude, and neither restarts nor an end."""
+"""Values of the paper's main runs. The paper does not give `gamma`, `n_step` and the amplitude.
+
+There are neither restarts nor an end of training.
+"""
 
 SHORT_AND_LONG_S = (0.1, 1.0)
 

@@ -38,7 +38,8 @@ scenario's bounds allow, which are 12 m/s for the car and 25 m/s for the truck."
 
 LONG: Mapping[str, float] = MappingProxyType({"duration_s": 14.0})
 """Duration of the episodes that judge. By default they last 10 s: from the initial gap of 94 m the
-slowest truck would reach the car after 9.9 s, and only if it never braked."""
+slowest truck would reach the default car after 9.9 s, and only if it never braked. Draws with a
+faster car need up to 11.75 s."""
 
 JUDGED: Mapping[str, Any] = MappingProxyType(
     {

@@ -1,4 +1,4 @@
-"""`python -m eigenfail`: the command line, where no script of that name is on the path."""
+"""`python -m eigenfail`: the command line, if no script of that name is on the path."""
 
 from eigenfail.cli.main import main
 

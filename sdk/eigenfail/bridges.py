@@ -96,7 +96,7 @@ class OfferedPlanner(msgspec.Struct, frozen=True):
 
 
 class BridgeOffer(msgspec.Struct, frozen=True):
-    """What a bridge offers to campaigns.
+    """The offer of a bridge to campaigns.
 
     Attributes:
         name: name of the bridge.
@@ -114,7 +114,7 @@ class BridgeOffer(msgspec.Struct, frozen=True):
 
 
 class EpisodeDemand(NamedTuple):
-    """What an episode needs of a bridge.
+    """The needs of an episode on a bridge.
 
     Attributes:
         parameters: parameters of the scenario, without those that eigenfail reads itself.
@@ -155,7 +155,7 @@ def check(spec: CampaignSpec) -> Variation:
     """The scenario parameters of a campaign on a bridge; whether it knows them it says later.
 
     Raises:
-        InvalidValue: the horizon is missing, a value is no number, truth value or text, or there
+        InvalidValue: the horizon is missing, a value is not a number, truth value or text, or there
             are too many.
     """
     # The bridge may be away while a campaign is checked: all that can be said without it is said
@@ -221,7 +221,7 @@ def read_plain(given: Mapping[str, Any], field: str) -> dict[str, Plain]:
     """Return the values, if every bridge can receive them.
 
     Raises:
-        InvalidValue: one is no finite number, truth value or short text, or there are too many.
+        InvalidValue: one is not a finite number, truth value or short text, or there are too many.
     """
     refuse_excess_parameters(given, field)
     for name, value in given.items():

@@ -1,4 +1,4 @@
-"""What all programs share: no secrets in errors, and output that can fail."""
+"""Parts that all programs share: no secrets in errors, and output that can fail."""
 
 import argparse
 import os
@@ -139,6 +139,6 @@ def report_uncaught(report: Report = print_uncaught) -> None:
 
 
 def _report_error(report: Report, error: BaseException | None) -> None:
-    """Ignore SystemExit, which is no error."""
+    """Ignore SystemExit, which is not an error."""
     if error is not None and not isinstance(error, SystemExit):
         report(error)

@@ -348,7 +348,7 @@ class DataTable(NamedTuple):
         rows: number of each row in its file: of CSV its line, of Parquet from 1. Shape (n,).
         texts: the different values of the column of text, in the order of their first rows.
         text: place of each row's value among them, shape (n,).
-        numbers: each column of numbers by name, NaN where a cell is empty, shape (n,).
+        numbers: each column of numbers by name, NaN if a cell is empty, shape (n,).
         unread: names of the other columns, as the file has them.
     """
 

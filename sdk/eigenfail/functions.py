@@ -174,7 +174,7 @@ def require_module(place: str) -> None:
 def refuse_undefined(place: str) -> None:
     """Refuse a name that the source of its module binds nowhere at the top level; nothing is run.
 
-    Where the source cannot be found or parsed here, or may bind names that it does not spell out,
+    If the source cannot be found or parsed here, or may bind names that it does not spell out,
     the workers decide.
 
     Raises:
@@ -192,7 +192,7 @@ def refuse_undefined(place: str) -> None:
 
 
 def _parse_source(module: str) -> ast.Module | None:
-    """Return the syntax tree of a module's source file; None where there is none to be read."""
+    """Return the syntax tree of a module's source file; None if there is none to be read."""
     try:
         spec = _find_without_import(module)
         if spec is None or not spec.has_location or not str(spec.origin).endswith(".py"):
@@ -255,7 +255,7 @@ def refuse_unlisted(place: str, remedy: str = "") -> None:
 
     Args:
         place: of the function.
-        remedy: where this process is no service's.
+        remedy: where this process is not a service's.
 
     Raises:
         InvalidValue: neither the module nor a package around it is on it.

@@ -43,7 +43,7 @@ class LossyStderr:
 
 
 class Handler(logging.StreamHandler[TextIO]):
-    """What others log by the standard library, such as the HTTP server."""
+    """Logs of others by the standard library, such as the HTTP server."""
 
     def handleError(self, _record: logging.LogRecord) -> None:  # noqa: N802 - the library's name
         """Drop a record that cannot be formatted: the library would print its arguments."""

@@ -1,4 +1,4 @@
-"""What a method can do, read from the class that its entry point names."""
+"""The abilities of a method, read from the class that its entry point names."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -93,7 +93,7 @@ def describe_method(name: str) -> MethodDescription:
 def count_open_episodes(spec: CampaignSpec) -> int | None:
     """Return how many episodes of a campaign are open at a time, and so may run.
 
-    None where that is not known: its method is not installed here or has members, or stop rules on
+    None if that is not known: its method is not installed here or has members, or stop rules on
     results keep fewer rounds open.
     """
     # Such rules keep fewer rounds open, and how many depends on the results.

@@ -56,7 +56,7 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
 
 
 def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """What the fields of a struct are unless they are given, as plain data; required ones aside."""
+    """The defaults of a struct's fields, as plain data; required ones aside."""
     found: dict[str, Any] = {}
     for field in msgspec.structs.fields(kind):
         if field.default is not msgspec.NODEFAULT:
@@ -219,7 +219,7 @@ def _find_value(given: Any, path: Sequence[str]) -> Any:
 
 
 def _list_choices(types: Sequence[Any]) -> list[str]:
-    """Return the texts that types allow; empty where msgspec does not list them."""
+    """Return the texts that types allow; empty if msgspec does not list them."""
     enums = [each.cls for each in types if isinstance(each, msgspec.inspect.EnumType)]
     literals = [each.values for each in types if isinstance(each, msgspec.inspect.LiteralType)]
     members = [member.value for enum in enums for member in enum]

@@ -172,7 +172,7 @@ def _fingerprint_package(package: str) -> str:
 def select_code(versions: Mapping[str, str], spec: CampaignSpec) -> dict[str, str]:
     """Return the fingerprints, among versions, of the packages that a campaign's episodes need.
 
-    Those of all packages where a plug-in is not installed here; none where the code of the campaign
+    Those of all packages where a plug-in is not installed here; none if the code of the campaign
     is in no package with plug-ins: a function, or a process behind a bridge.
     """
     found = {

@@ -54,9 +54,9 @@ class CampaignWorld(ABC):
     Attributes:
         plugin_fields: fields of a campaign that name plug-ins with settings, by name.
         has_road: whether vehicles drive, so that there are steps with a duration, and conflicts.
-        robustness_unit: unit of the robustness; empty where it has none.
+        robustness_unit: unit of the robustness; empty if it has none.
         needs_bridge: whether only workers with a bridge can run its episodes.
-        unexplained: reason why no planner can explain an episode; empty where one can.
+        unexplained: reason why no planner can explain an episode; empty if one can.
         channels_remedy: what to do where the disturbance model names channels in vain.
         tells_lane: whether the signals that need the lane of the ego are told.
     """
@@ -150,7 +150,7 @@ class CampaignWorld(ABC):
     def resolve_requirements(
         self, spec: CampaignSpec, form: EpisodeForm
     ) -> requirements.Requirements | msgspec.UnsetType:
-        """Return the requirements of a campaign; absent where they are no collision alone.
+        """Return the requirements of a campaign; absent if they are no collision alone.
 
         With an importance they are written out in any case.
 
@@ -503,7 +503,7 @@ def resolve_disturbance(described: Described) -> DisturbanceModel:
 
 
 def find_robustness_unit(spec: CampaignSpec) -> str:
-    """Return the unit of the robustness of a campaign's episodes; empty where it has none.
+    """Return the unit of the robustness of a campaign's episodes; empty if it has none.
 
     That of requirements is divided by their scales.
     """
@@ -518,7 +518,7 @@ def list_simulators() -> list[str]:
 def drawn_for(spec: CampaignSpec, seed: int) -> dict[str, Any]:
     """The scenario parameters that an episode drew from its seed, by name.
 
-    None where the scenario is unknown; and none of those that a channel makes a part of the search,
+    None if the scenario is unknown; and none of those that a channel makes a part of the search,
     which follow from its noise (`placed_for`).
     """
     try:
@@ -530,7 +530,7 @@ def drawn_for(spec: CampaignSpec, seed: int) -> dict[str, Any]:
 def placed_for(spec: CampaignSpec, noise: NoiseTrajectory) -> dict[str, Any]:
     """The scenario parameters that the noise of an episode chose, by name.
 
-    None where the scenario is unknown, or the episode ended before its first step.
+    None if the scenario is unknown, or the episode ended before its first step.
     """
     names = spec.disturbance.searched_parameters
     if not names or not len(noise.z):

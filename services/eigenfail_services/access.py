@@ -123,7 +123,7 @@ class FirstKey(msgspec.Struct, frozen=True):
     """The outcome of `make_first_key`, without the secret.
 
     Attributes:
-        made: the key that was made; null where an administrator has one already.
+        made: the key that was made; null if an administrator has one already.
         file: where its secret is.
     """
 

@@ -24,7 +24,7 @@ def read_campaigns(text: str) -> int:
     """Return the number of campaigns that run at a time.
 
     Raises:
-        ArgumentTypeError: it is no whole number above 0, or their learners have no room here.
+        ArgumentTypeError: it is not a whole number above 0, or their learners have no room here.
     """
     most = bounds.count_fitting_learners(bounds.memory_mib())
     # Nine digits are enough to be too many, and Python refuses to convert thousands of them.
@@ -40,7 +40,7 @@ def read_limit(text: str) -> float:
     """Return a limit; `inf` is none.
 
     Raises:
-        ArgumentTypeError: it is no number above 0.
+        ArgumentTypeError: it is not a number above 0.
     """
     try:
         limit = float(text)
@@ -60,7 +60,7 @@ class Option(NamedTuple):
     Attributes:
         help: what `--help` says.
         variable: environment variable that holds where the option is not given.
-        default: value where neither is given; a function finds it on this machine. Texts are read
+        default: value if neither is given; a function finds it on this machine. Texts are read
             as if they were given.
         read: returns the value of a text, or raises ValueError or ArgumentTypeError.
         choices: the texts that are allowed; empty for any.

@@ -110,7 +110,7 @@ AFTER_DEMO = {
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    methods = ("monte_carlo", 20), ("ast", 150), ("difs", 100)
+    methods = ("monte_carlo", 20), ("ast", 150), ("difs", 100), ("held", 20)
     with demo_in(tmp_path_factory.mktemp("demo"), *methods) as here:
         yield here
 

@@ -130,7 +130,7 @@ class Engine:
     def _begin(self, task: EpisodeTask) -> tuple[NoiseSource, Simulation]:
         """Return the noise of an episode, and the simulation for its parameters.
 
-        Where noise chooses parameters, it is needed first.
+        If noise chooses parameters, it is needed first.
         """
         noise = self._noise
         z = noise.choose(task, self._horizon) if noise.searched else {}

@@ -96,7 +96,7 @@ class TrueTraffic:
         )
 
     def _find_vehicle(self, number: int, step: RecordedStep) -> int | None:
-        """Return the vehicle that an account is about; None where it may be another one."""
+        """Return the vehicle that an account is about; None if it may be another one."""
         # Two numbers were swapped in this step: the account names the other vehicle.
         if any(self._result.noise.injected[number, place] > 0.5 for place in self._swaps):
             return None

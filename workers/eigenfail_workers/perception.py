@@ -1,4 +1,4 @@
-"""What a planner perceives: the truth, disturbed by the channels of a campaign."""
+"""The perception of a planner: the truth, disturbed by the channels of a campaign."""
 
 from math import hypot, nan
 

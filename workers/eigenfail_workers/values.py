@@ -1,4 +1,4 @@
-"""What the parts of an episode hand to each other."""
+"""Values that the parts of an episode hand to each other."""
 
 import msgspec
 
@@ -12,7 +12,7 @@ class GroundTruth(msgspec.Struct, frozen=True, gc=False):
     """True states of all vehicles, and whether the ego touches another one.
 
     Attributes:
-        ids: number of each other vehicle, from 1; None where all of them are there throughout.
+        ids: number of each other vehicle, from 1; None if all of them are there throughout.
     """
 
     ego: VehicleState

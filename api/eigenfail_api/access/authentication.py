@@ -111,7 +111,7 @@ class Caller:
     """The sender of a request.
 
     Attributes:
-        name: name of the key; `loopback` or `network` where no key is required; `proxy:` and the
+        name: name of the key; `loopback` or `network` if no key is required; `proxy:` and the
             name of the user whom a proxy signed in.
         scope: what the key, or the groups of the user, allow.
         key: id of the key; None without one.
@@ -155,7 +155,7 @@ def get_signed_in_caller() -> Caller | None:
 
 
 async def get_caller_key() -> int | None:
-    """Return the id of the caller's key; None where no key is required."""
+    """Return the id of the caller's key; None if no key is required."""
     caller = _caller.get()
     return None if caller is None else caller.key
 

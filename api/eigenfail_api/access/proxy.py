@@ -1,6 +1,6 @@
 """Sign-in by a reverse proxy, which names the user in headers that are trusted from it alone.
 
-A client can send any header. So the headers of a user count only where the peer of the TCP
+A client can send any header. So the headers of a user count only if the peer of the TCP
 connection is in a network that the operator named: neither `X-Forwarded-For` nor another header
 changes which address the peer has. The headers of other peers are ignored.
 """
@@ -76,7 +76,7 @@ class ProxySignIn:
         self._scopes: Mapping[str, Scope] = settings.sign_in_scopes
 
     def find_user(self, request: HTTPConnection) -> ProxyUser | None:
-        """Return the user of a request; None where no trusted proxy names one.
+        """Return the user of a request; None if no trusted proxy names one.
 
         Raises:
             Forbidden: a header is there twice, names no user or several, or the user has no scope.

@@ -32,7 +32,7 @@ def make_detail_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
 
 
 def make_behaviour_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
-    """Return the chart of the ego's acceleration in each mode; none where it is not known."""
+    """Return the chart of the ego's acceleration in each mode; none if it is not known."""
     behaviour, noun = result.behaviour, result.cluster_noun
     if behaviour is None:
         return ()

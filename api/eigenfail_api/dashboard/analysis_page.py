@@ -97,7 +97,7 @@ def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> rend
 
     Args:
         result: result of the analysis.
-        is_whole: whether failures of the whole course were analysed. Where early ones are left out,
+        is_whole: whether failures of the whole course were analysed. If early ones are left out,
             the first tenths hold no mode by construction, and when modes were seen tells nothing.
     """
     found = result.diversity

@@ -234,7 +234,7 @@ def list_times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
 
 
 def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    """Return the fields of the spec in groups, with a plug-in's defaults where nothing is given."""
+    """Return the fields of the spec in groups, with a plug-in's defaults if nothing is given."""
     spec = campaign.spec
     general = {
         **{field.label: getattr(spec, name) for name, field in SPEC_FIELDS.items() if field.label},

@@ -200,7 +200,7 @@ def make_headings(
     Args:
         spec: spec of the campaign.
         find_address: returns the address of the list in an order, written as text.
-        now: its present order; None where no column sorts it.
+        now: its present order; None if no column sorts it.
     """
     # Robustness has the unit of its world; all others have theirs everywhere.
     units = {"robustness_m": find_robustness_unit(spec)}

@@ -27,7 +27,7 @@ Words = Annotated[str, Query(max_length=200)]
 
 
 class FailureQuery(NamedTuple):
-    """The query in an address of the page; an empty text is no condition.
+    """The query in an address of the page; an empty text is not a condition.
 
     Attributes:
         query: the parameters that are not empty, as in the address, without the place.

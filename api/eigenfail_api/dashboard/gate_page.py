@@ -41,7 +41,7 @@ _PAIR = re.compile(r"([1-9][0-9]{0,18})/([0-9]{1,18})")
 
 
 class PageLink(NamedTuple):
-    """A text with the address of its page; empty where it has none."""
+    """A text with the address of its page; empty if it has none."""
 
     text: str
     address: str = ""

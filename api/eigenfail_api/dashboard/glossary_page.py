@@ -56,7 +56,7 @@ def list_terms() -> tuple[Term, ...]:
 
 
 def find_term(label: str) -> Term | None:
-    """Return the term under whose label a figure stands; None where it needs no definition."""
+    """Return the term under whose label a figure stands; None if it needs no definition."""
     by_label = _map_labels()
     return by_label.get(label) or by_label.get(MORE.sub("", label))
 

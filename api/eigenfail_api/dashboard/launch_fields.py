@@ -98,9 +98,9 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
         kind: number, optional (a number, or off), text, choice, switch, list, words, table, or
             varied: a number that is fixed or drawn.
         step: step of a number: 1 of whole ones.
-        least: smallest value that a browser is to take; empty where there is none.
+        least: smallest value that a browser is to take; empty if there is none.
         most: largest one.
-        default: what holds if nothing is typed; empty where something must be.
+        default: what holds if nothing is typed; empty if something must be.
         bounds: describes the valid values.
         options: options of a choice.
     """
@@ -298,7 +298,7 @@ class Texts(msgspec.Struct, frozen=True):
 
     Attributes:
         typed: by the name of the form's element.
-        base: fields of a CampaignSpec; empty where the form began empty.
+        base: fields of a CampaignSpec; empty if the form began empty.
     """
 
     typed: Mapping[str, str]
@@ -348,7 +348,7 @@ def make_body(fields: Iterable[LaunchField], texts: Texts) -> dict[str, Any]:
 
 
 def parse_value(field: LaunchField, entry: LaunchEntry) -> tuple[Any, ...]:
-    """Return the value of a field as a tuple of one; an empty tuple where nothing is entered."""
+    """Return the value of a field as a tuple of one; an empty tuple if nothing is entered."""
     if entry.how == UNIFORM:
         return ({"uniform": [read_number(entry.low), read_number(entry.high)]},)
     if entry.how == CHOICE:

@@ -45,7 +45,7 @@ class LaunchPart(msgspec.Struct, frozen=True):
         fields: fields of the spec itself; a choice among them replaces the sections below.
         summary: summary of the plug-in that is chosen, in a line.
         problem: why that plug-in cannot be used here; empty if it can.
-        settings: settings of that plug-in; None where it has none.
+        settings: settings of that plug-in; None if it has none.
     """
 
     id: str

@@ -231,7 +231,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dic
 
     Raises:
         UnknownName: something was typed that no campaign has.
-        InvalidValue: the earlier campaign is no number.
+        InvalidValue: the earlier campaign is not a number.
         NotFound: there is no such campaign.
     """
     # A misspelt field would be ignored, and another campaign launched than the one meant.

@@ -142,7 +142,7 @@ async def read_triage_form(request: Request) -> dict[str, str]:
     """Return the fields of the form.
 
     Raises:
-        HTTPException: 400, the body is no form.
+        HTTPException: 400, the body is not a form.
         InvalidValue: a text has an invisible character.
     """
     form = await read_form(request, MOST_FIELDS)

@@ -151,7 +151,7 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
 
 
 def _explain_searches(compared: Sequence[Compared]) -> str:
-    """Return what the lines of searches show; empty where every campaign is a random sample."""
+    """Return what the lines of searches show; empty if every campaign is a random sample."""
     rates = [(one, block.failure_rate) for one in compared for block in one.course.blocks]
     # By campaign, each once, in the order of the legend.
     searches = dict.fromkeys(str(one.campaign.id) for one, rate in rates if not rate.sampled)

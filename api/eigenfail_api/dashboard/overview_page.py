@@ -64,7 +64,7 @@ Sort = Annotated[str, Query(max_length=64)]
 
 
 class Wanted(NamedTuple):
-    """The filter and order of the list, as its address has them. An empty text is no condition.
+    """The filter and order of the list, as its address has them. An empty text is not a condition.
 
     Attributes:
         method: an empty text leaves out replays, which find nothing new.

@@ -316,7 +316,7 @@ def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
 
 
 def read_figure(step: ExplainedStep, name: str) -> float | None:
-    """Return a figure of the explanation; None where it has none of that name."""
+    """Return a figure of the explanation; None if it has none of that name."""
     value = step.account.get(name)
     # A planner may report anything under any name.
     return value if isinstance(value, float) else None

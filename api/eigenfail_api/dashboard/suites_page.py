@@ -52,10 +52,10 @@ class HeatCell(msgspec.Struct, frozen=True):
 
     Attributes:
         failures: rate under p(x) with its interval, or how many of the episodes that a search chose
-            failed; None where no member has these values, or no episode was completed.
+            failed; None if no member has these values, or no episode was completed.
         level: 0 without a failure, up to `LEVELS` for the largest rate of the map; None of a
             search, whose episodes say nothing of a rate.
-        address: page of the member; empty where there are several, or none.
+        address: page of the member; empty if there are several, or none.
     """
 
     failures: Tile | None
@@ -126,7 +126,7 @@ LEVELS = 5
 
 
 def make_heat_map(table: SuiteTable) -> HeatMap | None:
-    """Return the map of failures by two settings; None where members differ in fewer or in more."""
+    """Return the map of failures by two settings; None if members differ in fewer or in more."""
     # Seeds repeat a cell; they make no axis of their own.
     varied = [name for name in table.columns if name != SEED]
     if len(varied) != 2:

@@ -88,7 +88,7 @@ def find_covered(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
 
 
 def search_toy(toy: Toy, seed: int) -> float:
-    """Return the largest ratio of a stated limit to the true one; 0 where none is stated."""
+    """Return the largest ratio of a stated limit to the true one; 0 if none is stated."""
     limit = float(np.random.default_rng([seed, 1]).uniform(0.8, 1.3))
     border = -limit * NormalDist().inv_cdf(toy.target)
     question = search.RequirementQuestion(target=toy.target, channels=toy.channels)
@@ -112,7 +112,7 @@ def search_toy(toy: Toy, seed: int) -> float:
 
 
 def compare(found: search.ErrorLimit, limit: float) -> float:
-    """Return a stated limit ÷ the true one, of the size of all noise; 0 where none is stated."""
+    """Return a stated limit ÷ the true one, of the size of all noise; 0 if none is stated."""
     if found.largest is None:
         return 0.0
     if found.channel == "scale":

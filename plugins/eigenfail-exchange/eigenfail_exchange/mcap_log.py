@@ -73,7 +73,7 @@ class _Log:
         self._write_bytes(topic, at_ns, message.SerializeToString(deterministic=True))
 
     def write_json(self, topic: str, at_ns: int, row: Mapping[str, float]) -> None:
-        """Write an object of numbers, null where a number is not finite."""
+        """Write an object of numbers, null if a number is not finite."""
         if topic not in self._channels:
             name = f"{PACKAGE}.{topic.rpartition('/')[2].capitalize()}"
             text = msgspec.json.encode(_make_json_schema(name, row))
@@ -255,7 +255,7 @@ def _make_colour(colour: Colour) -> Any:
 
 
 def _write_perceived(log: _Log, recording: EpisodeRecording, step: int, at_ns: int) -> None:
-    """Write where the ego saw the nearest vehicle; nothing where that was missed."""
+    """Write where the ego saw the nearest vehicle; nothing if that was missed."""
     x_m, y_m = map(float, recording.scene.perceived[step])
     if np.isfinite([x_m, y_m]).all():
         moment = _make_timestamp(at_ns)

@@ -67,7 +67,7 @@ def make_road(scenes: Sequence[Scene], mission: Mission | None) -> StraightRoad:
 
     Args:
         scenes: at least one.
-        mission: lanes of the scenario; None where they are not known.
+        mission: lanes of the scenario; None if they are not known.
 
     Raises:
         InvalidValue: the lanes are not known, and the vehicles are too far beside each other.

@@ -199,7 +199,7 @@ def _find_obstacle(asked: RegionQuestion) -> str:
 
 
 def _make_empty_region(asked: RegionQuestion, problem: str) -> Region:
-    """What can be said without a region."""
+    """The sentences if there is no region."""
     return Region(
         campaigns=asked.campaigns,
         scenario=asked.scenario,

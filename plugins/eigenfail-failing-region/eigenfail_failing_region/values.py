@@ -10,9 +10,9 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         parameter: its name in the scenario.
-        low: smallest value inside; None where the box is open.
-        high: largest value inside; None where the box is open.
-        unit: taken from the end of the name; empty where the name has none.
+        low: smallest value inside; None if the box is open.
+        high: largest value inside; None if the box is open.
+        unit: taken from the end of the name; empty if the name has none.
         words: as people read it: "distance 52 to 55.9 m".
     """
 
@@ -29,7 +29,7 @@ class Box(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         words: its bounds in a line.
         coverage: failures inside ÷ all failures.
-        precision: failures inside ÷ episodes inside: the failure rate there; None where none of
+        precision: failures inside ÷ episodes inside: the failure rate there; None if none of
             the half that the figures are of is inside.
     """
 
@@ -48,13 +48,13 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
         parameters: parameters that took more than one value.
         episodes: looked at, both halves.
         failures: among them.
-        failure_rate: failure rate of the half that the figures are of; None where nothing was
+        failure_rate: failure rate of the half that the figures are of; None if nothing was
             tried.
-        boxes: the one with most of the failures first; empty where nothing can be concluded.
+        boxes: the one with most of the failures first; empty if nothing can be concluded.
         coverage: coverage of all boxes together.
         precision: precision of all boxes together.
         p_value: probability of this many failures in the boxes by chance (Fisher's exact test,
-            one-sided); None where there are none to test.
+            one-sided); None if there are none to test.
         problem: why there is no region, and what to do; empty otherwise.
         warnings: limitations of the result.
     """

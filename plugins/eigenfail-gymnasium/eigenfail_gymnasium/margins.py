@@ -22,7 +22,7 @@ STANDING = Control(0.0, 0.0)
 
 
 class MarginStage:
-    """An environment that is no road. Implements `Stage`.
+    """An environment that is not a road. Implements `Stage`.
 
     Args:
         env: the environment.
@@ -64,7 +64,7 @@ class MarginStage:
         """Do one step of the environment.
 
         Raises:
-            ValueError: the policy's answer is no action of the environment.
+            ValueError: the policy's answer is not an action of the environment.
             InvalidValue: `info` has no entry of the name `failure_key`.
         """
         action = (

@@ -156,7 +156,7 @@ def _no_schedule(_progress: float) -> float:
 
 
 def _read_layers(path: Path) -> Any:
-    """Return the hidden layers as the file says in plain JSON; None where it does not."""
+    """Return the hidden layers as the file says in plain JSON; None if it does not."""
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))

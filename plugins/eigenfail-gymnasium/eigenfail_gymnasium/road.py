@@ -139,7 +139,7 @@ class RoadStage:
         """Do one step of the environment, and show each frame of its physics.
 
         Raises:
-            ValueError: the policy's answer is no action of the environment.
+            ValueError: the policy's answer is not an action of the environment.
         """
         self._frames = []
         if isinstance(answer, Control):

@@ -9,7 +9,7 @@ from eigenfail.values.scene import Control, Mission, Observation, Perception
 
 
 class PolicyTask(NamedTuple):
-    """What a policy is told before an episode.
+    """The task that a policy gets before an episode.
 
     Attributes:
         observation_space: of the environment.
@@ -18,7 +18,7 @@ class PolicyTask(NamedTuple):
         actions: numbers of highway-env's discrete actions by name, such as `SLOWER`; else empty.
         features: columns of highway-env's kinematics observation; else empty.
         ranges: by feature, the values that the observation shows as -1 and 1, in metres and metres
-            a second; empty where the observation is not normalised.
+            a second; empty if the observation is not normalised.
     """
 
     observation_space: Space[Any]
@@ -30,7 +30,7 @@ class PolicyTask(NamedTuple):
 
 
 class ChosenAction:
-    """Where a policy leaves its action, as a control is no action of an environment."""
+    """Where a policy leaves its action, as a control is not an action of an environment."""
 
     action: Any = None
 
@@ -93,7 +93,7 @@ def read_action(answer: ChosenAction, space: Space[Any]) -> Any:
     """Return the action of a decision in the form that the environment takes.
 
     Raises:
-        ValueError: it is no action of the environment.
+        ValueError: it is not an action of the environment.
     """
     action = answer.action
     if type(space).__name__ == "Discrete" and getattr(action, "ndim", None) == 0:

@@ -314,7 +314,7 @@ def is_like(one: ChannelShape | None, other: ChannelShape | None) -> bool:
 
 
 def find_planted(channels: Mapping[str, Channel], parameter: str) -> float:
-    """Return a parameter by its name in a report; NaN where the planted shape has none."""
+    """Return a parameter by its name in a report; NaN if the planted shape has none."""
     name, field = parameter.split(".")
     channel = channels[name]
     return float(getattr(channel, field, getattr(channel.shape, field, nan)))

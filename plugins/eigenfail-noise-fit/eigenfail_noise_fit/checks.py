@@ -94,7 +94,7 @@ class ModelCheck(msgspec.Struct, frozen=True):
         interval: its interval; all of them hold together with probability 1 − `FAMILY_ERROR`.
         expected: value under the model.
         holds: whether the interval holds the expected value.
-        remedy: what to do; empty where the check holds.
+        remedy: what to do; empty if the check holds.
     """
 
     name: str
@@ -110,7 +110,7 @@ class _Property(NamedTuple):
 
     Attributes:
         name: name of the check.
-        values: a value of each record, whose mean is asked for, shape (n,); NaN where there is
+        values: a value of each record, whose mean is asked for, shape (n,); NaN if there is
             none.
         expected: their mean under the model, or the mean of each one, shape (n,).
         block: number of the block of each record, shape (n,).
@@ -311,7 +311,7 @@ def _find_directions(
     """Return the directions of motion and the mean headings over `WINDOW_S`, each of shape (n,).
 
     Also the ratio of their changes from which headings are in degrees, and what the directions are.
-    Both are NaN where the log has a gap.
+    Both are NaN if the log has a gap.
     """
     across_m, step = log.true[errors.row, 1], log.step[errors.row]
     lag = max(round(WINDOW_S / log.step_s), 1)
@@ -337,7 +337,7 @@ def _find_directions(
 
 
 def _average(values: jackknife.Array, errors: ErrorSeries) -> jackknife.Array:
-    """Return the mean of each track, shape (tracks,); 0 where there are no values."""
+    """Return the mean of each track, shape (tracks,); 0 if there are no values."""
     known = np.isfinite(values)
     counts = np.bincount(errors.track[known], minlength=errors.tracks)
     sums = np.bincount(errors.track[known], values[known], errors.tracks)
@@ -679,7 +679,7 @@ def _list_chain_properties(chain: ChainFit, steps: EventSteps) -> Iterator[_Prop
 
 
 def shift(values: jackknife.Array, errors: ErrorSeries, lag: int) -> jackknife.Array:
-    """Return each measurement's value `lag` steps earlier; NaN where a step between was missed."""
+    """Return each measurement's value `lag` steps earlier; NaN if a step between was missed."""
     found = np.full(len(values), nan)
     found[lag:] = values[:-lag]
     unbroken = errors.follows.copy()
@@ -690,7 +690,7 @@ def shift(values: jackknife.Array, errors: ErrorSeries, lag: int) -> jackknife.A
 
 
 def _standardise(values: jackknife.Array) -> jackknife.Array:
-    """Return values less their mean, by their standard deviation; NaN where all are equal."""
+    """Return values less their mean, by their standard deviation; NaN if all are equal."""
     spread = float(np.nanstd(values)) if np.isfinite(values).any() else 0.0
     if spread == 0.0:
         return np.full(len(values), nan)

@@ -391,7 +391,7 @@ def _draw_sizes(channel: Channel, base: float, model: DisturbanceModel) -> Table
 
 
 def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence[Block]:
-    """Return what holds for a campaign on a function; nothing where the file describes none."""
+    """Return what holds for a campaign on a function; nothing if the file describes none."""
     if world_of(str(read_toml(file, LIKE_MODEL).get("simulator"))).has_road:
         return ()
     spec = read_spec(file)

@@ -209,7 +209,7 @@ class MissBand(msgspec.Struct, frozen=True):
         interval: its 95 % interval, by the jackknife over tracks and at least that of independent
             steps.
         begun: number of runs that began there.
-        mean_steps: mean duration of misses, steps missed by runs that ended; None where none did.
+        mean_steps: mean duration of misses, steps missed by runs that ended; None if none did.
     """
 
     distance_m: tuple[float, float]

@@ -65,7 +65,7 @@ class FreeParameter(NamedTuple):
 
 
 class Likelihood(NamedTuple):
-    """What a fit maximizes.
+    """The likelihood that a fit maximizes.
 
     Attributes:
         parameters: what is fitted.

@@ -50,7 +50,7 @@ class Misses(msgspec.Struct, frozen=True):
 
     Attributes:
         share: of all steps of the tracks.
-        mean_steps: mean length of their runs; None where there are none.
+        mean_steps: mean length of their runs; None if there are none.
         ghosts: number of measurements without a vehicle.
     """
 
@@ -63,7 +63,7 @@ class CandidateScore(msgspec.Struct, frozen=True):
     """How well a shape describes tracks that it was not fitted to; see `ShapeScore`.
 
     Attributes:
-        channel: the channel that it was fitted to; absent where it is of the whole position.
+        channel: the channel that it was fitted to; absent if it is of the whole position.
     """
 
     kind: str
@@ -77,9 +77,9 @@ class FitReport(msgspec.Struct, frozen=True):
     """What `noise fit` found: the model, what speaks for it, and what it leaves out.
 
     Attributes:
-        bands: how often vehicles were missed by distance; absent where none was missed.
+        bands: how often vehicles were missed by distance; absent if none was missed.
         remarks: what the model leaves out of the log, and which parameters lie on their bounds;
-            absent where the model is of a position and there is none.
+            absent if the model is of a position and there is none.
     """
 
     model: DisturbanceModel

@@ -46,7 +46,7 @@ def name_columns(channel: str) -> tuple[str, str]:
 
 
 class Row(NamedTuple):
-    """One measurement. Values are NaN where the log has none.
+    """One measurement. Values are NaN if the log has none.
 
     Attributes:
         positions: dx, dy, seen dx, seen dy. [m]
@@ -88,7 +88,7 @@ class EventSteps(msgspec.Struct, frozen=True, eq=False):
         block: number of the block of each step, shape (n,).
         before: whether the event lasted at the step before, shape (n,).
         now: whether it lasts, shape (n,).
-        age: number of steps that the state before had lasted; 0 where the log does not hold
+        age: number of steps that the state before had lasted; 0 if the log does not hold
             the beginning of that state.
         distance_m: true distance at the step in the plane, shape (n,); 0 for ghosts. [m]
         blocks: number of blocks.
@@ -111,7 +111,7 @@ class Ghosts(msgspec.Struct, frozen=True, eq=False):
         behind: number of ghosts that were first seen next to or behind the ego's centre.
         apart: number of measurements at times at which the log has no vehicle.
         steps: whether a ghost ahead was seen, at the times at which the log has a vehicle; None
-            where it was at none of them.
+            if it was at none of them.
     """
 
     measurements: int
@@ -131,9 +131,9 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
         distance_m: true distance that each channel's sigma depends on, shape (n, channels). [m]
         plane_m: true distance in the plane, shape (n,). [m]
         rate_mps: rate at which dx and dy change, shape (n, 2); NaN at the first of a track. [m/s]
-        error: reported less true value, shape (n, channels); NaN where it was not measured.
-        true: true value, shape (n, channels); NaN where it is not known.
-        seen: reported value, shape (n, channels); NaN where it was not measured.
+        error: reported less true value, shape (n, channels); NaN if it was not measured.
+        true: true value, shape (n, channels); NaN if it is not known.
+        seen: reported value, shape (n, channels); NaN if it was not measured.
         step_s: time between two steps. [s]
         ghosts: measurements without a vehicle.
         unread: columns of its file that are not used.

@@ -409,7 +409,7 @@ def _read_steps(noise: Table, name: str, where: str, default: float, distance_m:
     """Return a value at each distance straight ahead, from steps over an ellipse.
 
     Raises:
-        InvalidValue: there are not as many values as radii, or one is no number or negative.
+        InvalidValue: there are not as many values as radii, or one is not a number or negative.
     """
     radii, place = noise["ellipse_y_radii"], f"{where}.{name}"
     table = _read_table(noise, name, where)

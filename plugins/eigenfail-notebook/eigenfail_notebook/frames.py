@@ -134,7 +134,7 @@ def _(value: SuiteTable) -> Iterator[Record]:
 
 
 def result_of(analysis: Analysis) -> AnalysisResult:
-    """What an analysis found.
+    """The findings of an analysis.
 
     Raises:
         InvalidValue: nothing yet, or it failed.
@@ -276,7 +276,7 @@ def _list_types(hint: Any) -> tuple[type, ...]:
 
 
 def _choose_type(types: Sequence[type]) -> ColumnKind | None:
-    """Return the type of a column that holds these types; None where they are of several."""
+    """Return the type of a column that holds these types; None if they are of several."""
     found = {
         next((column for base, column in _TYPES if issubclass(each, base)), None) for each in types
     }
@@ -389,7 +389,7 @@ def _(value: EpisodeResult) -> NDArray[np.generic]:
 
 
 def gather_columns(rows: Iterable[Record], known: Columns = NO_COLUMNS) -> dict[str, list[Any]]:
-    """Return the columns of a table; None where a row has no value.
+    """Return the columns of a table; None if a row has no value.
 
     Args:
         rows: its rows.

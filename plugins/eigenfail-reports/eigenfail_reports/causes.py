@@ -157,7 +157,7 @@ def _read_number(value: float) -> float | None:
 
 
 def _read_position(seen: NDArray[np.float32]) -> tuple[float | None, float | None]:
-    """Return a perceived position; None where the vehicle was not detected."""
+    """Return a perceived position; None if the vehicle was not detected."""
     x_m, y_m = seen.tolist()
     return (None, None) if isnan(x_m) else (x_m, y_m)
 

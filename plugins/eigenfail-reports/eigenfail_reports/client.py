@@ -82,7 +82,7 @@ def unpack(bundle: bytes) -> dict[str, bytes]:
     not read beyond its claim, and is damaged by its checksum.
 
     Raises:
-        ProtocolError: the archive is no report, is damaged, or holds other or larger files.
+        ProtocolError: the archive is not a report, is damaged, or holds other or larger files.
     """
     if not is_zipfile(io.BytesIO(bundle)):
         raise _not_a_report()

@@ -28,7 +28,7 @@ class ReportColumn(msgspec.Struct, frozen=True):
     Attributes:
         name: name in CSV and in code; unique within the table.
         title: column heading.
-        unit: empty where there is none; a "share" is of one.
+        unit: empty if there is none; a "share" is of one.
     """
 
     name: str
@@ -86,7 +86,7 @@ class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
-    """What campaigns found, as it stood when the report was made.
+    """The findings of campaigns, as they stood when the report was made.
 
     Attributes:
         made_ms: when; the only thing that differs between two reports on the same results.

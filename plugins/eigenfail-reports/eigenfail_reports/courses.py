@@ -67,7 +67,7 @@ def make_safety(material: Material) -> page.ReportPart:
 
 
 def choose_figures(material: Material) -> Mapping[str, Callable[[Subject], tuple[str, ...]]]:
-    """Return the rows of the table: no measures of traffic where every campaign has a function."""
+    """Return the rows of the table: no measures of traffic if every campaign has a function."""
     names = [each.name for one in material.subjects for each in one.safety.requirements]
     if names:
         violations = {f"Violates {name}": count_violations(name) for name in dict.fromkeys(names)}

@@ -1,4 +1,4 @@
-"""What the sections of a report are made of: campaigns, analyses, and samples of episodes."""
+"""The material of a report's sections: campaigns, analyses, and samples of episodes."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeVar
@@ -164,7 +164,7 @@ class Analysed(NamedTuple):
 
     Attributes:
         medoids: the real failure nearest to each mode's centre, in the order of the modes.
-        step_s: time of a step [s]; None where steps have none.
+        step_s: time of a step [s]; None if steps have none.
     """
 
     subject: Subject
@@ -259,8 +259,8 @@ class Band(NamedTuple):
     Attributes:
         shown: number of members it rests on, and of all.
         reached: how many of them reached each step, shape (steps,).
-        mean: mean of z, shape (steps, channels); NaN where no member is. [sigma]
-        deviation: standard deviation (n − 1), likewise; NaN where fewer than two are.
+        mean: mean of z, shape (steps, channels); NaN if no member is. [sigma]
+        deviation: standard deviation (n − 1), likewise; NaN if fewer than two are.
     """
 
     shown: int
@@ -286,7 +286,7 @@ def make_band(store: Store, found: Analysed, mode: int) -> Band:
 def stack_noise(
     noise: list[Floats], shape: tuple[int, ...], at_collision: bool
 ) -> NDArray[np.float64]:
-    """Return noise trajectories as rows of one length, with NaN where there is none.
+    """Return noise trajectories as rows of one length, with NaN if there is none.
 
     Args:
         noise: z of each, shape (its steps, channels).

@@ -213,7 +213,7 @@ def describe_outcome(subject: Subject) -> str:
 
 
 def price(subject: Subject) -> str:
-    """What a failure cost, or costs at least."""
+    """The cost of a failure, or a lower bound of it."""
     cost = format_cost(subject.summary.cost)
     if subject.summary.counts.failures:
         return f"a failure cost {cost.value}{f' (95 %: {cost.interval})' if cost.interval else ''}"
@@ -256,7 +256,7 @@ FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
 
 
 def choose_figures(material: Material) -> Mapping[str, Callable[[Subject], tuple[str, ...]]]:
-    """Return the rows of the table: no severity where every campaign has a function."""
+    """Return the rows of the table: no severity if every campaign has a function."""
     if material.has_roads:
         return FIGURES
     return {name: figure for name, figure in FIGURES.items() if name != SEVERITY_FIGURE}

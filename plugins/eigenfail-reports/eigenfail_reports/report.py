@@ -1,6 +1,6 @@
 """A report as a whole: its sections in the order in which they are read, and its files.
 
-Each function in `PARTS` takes the `Material` and returns a `ReportPart`, or None where there is
+Each function in `PARTS` takes the `Material` and returns a `ReportPart`, or None if there is
 nothing to say.
 """
 

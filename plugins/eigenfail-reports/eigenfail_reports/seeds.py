@@ -52,7 +52,7 @@ WORDS = (
 
 
 def make_over_seeds(material: Material) -> ReportPart | None:
-    """Return mean and spread over seeds; None where no campaigns differ in their seeds alone."""
+    """Return mean and spread over seeds; None if no campaigns differ in their seeds alone."""
     subjects = material.subjects
     found = make_spreads(
         [subject.campaign for subject in subjects], [subject.summary for subject in subjects]

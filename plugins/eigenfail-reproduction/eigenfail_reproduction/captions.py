@@ -107,7 +107,7 @@ OF_ALL_VEHICLES = (
 
 
 class ScenarioCaptions(msgspec.Struct, frozen=True):
-    """What captions say of one scenario: its sweep, the moves of its parameters, replays."""
+    """The words of captions on one scenario: its sweep, the moves of its parameters, replays."""
 
     sweep: str
     moves: str

@@ -49,7 +49,7 @@ def judge_causes(
 ) -> Iterator[PaperStatement]:
     """Judge the statements that analyses, proofs and safety measures decide, by evaluation.
 
-    Where the scenario names the causes of its failures, influence and modes are judged by one
+    If the scenario names the causes of its failures, influence and modes are judged by one
     analysis each, of both axes and aligned at the collision, and the modes against the causes.
     """
     readings = {
@@ -236,7 +236,7 @@ def _judge_modes_by_cause(
 def compute_rand_index(first: Sequence[object], second: Sequence[object]) -> float:
     """Return the adjusted Rand index of two partitions (Hubert and Arabie 1985).
 
-    1 where they are the same, 0 as by chance; 1 where both have one group, or each element is one
+    1 if they are the same, 0 as by chance; 1 if both have one group, or each element is one
     of its own in both.
 
     Args:

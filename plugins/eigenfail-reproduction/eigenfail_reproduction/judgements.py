@@ -36,7 +36,7 @@ def is_more_severe(a: Safety, b: Safety) -> Judgement:
 
 
 def is_greater(a: Sequence[float], b: Sequence[float]) -> Judgement:
-    """Whether the mean of B is greater; None where the 95 % interval includes 0.
+    """Whether the mean of B is greater; None if the 95 % interval includes 0.
 
     The interval is Welch's (1947) for large samples: two normal means, each with its own variance.
     """
@@ -48,7 +48,7 @@ def is_greater(a: Sequence[float], b: Sequence[float]) -> Judgement:
 
 
 def is_rarer(a: Rate | None, b: Rate | None) -> Judgement:
-    """Whether A's rate is the lower one; None where the intervals overlap."""
+    """Whether A's rate is the lower one; None if the intervals overlap."""
     if a is None or b is None:
         return None
     one, other = (bound_rate(rate) for rate in (a, b))
@@ -57,7 +57,7 @@ def is_rarer(a: Rate | None, b: Rate | None) -> Judgement:
 
 
 def is_above_half(rate: Rate | None) -> Judgement:
-    """Whether more than half of the draws fail; None where the interval includes one half."""
+    """Whether more than half of the draws fail; None if the interval includes one half."""
     if rate is None:
         return None
     interval = bound_rate(rate)
@@ -79,6 +79,6 @@ def combine(*parts: Judgement) -> Judgement:
 
 
 def agree(choices: Sequence[Judgement]) -> Judgement:
-    """Return what all choices that the paper leaves open give; None where they differ."""
+    """Return what all choices that the paper leaves open give; None if they differ."""
     first, *others = choices or (None,)
     return first if all(other is first for other in others) else None

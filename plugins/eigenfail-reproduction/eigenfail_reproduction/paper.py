@@ -64,11 +64,11 @@ class PaperStatement(msgspec.Struct, frozen=True):
     """A statement of the paper, judged by our numbers.
 
     Attributes:
-        holds: None where our numbers cannot decide.
+        holds: None if our numbers cannot decide.
         rule: what must be so for the statement to hold, and for it not to hold.
         figures: the numbers that decide it.
         why: what explains it where it does not hold; shown only there.
-        subject: what of several campaigns it was judged by, such as "ast"; empty where there is
+        subject: what of several campaigns it was judged by, such as "ast"; empty if there is
             one choice.
         asked: whether our runs have what the statement is about, such as failures to compare.
     """

@@ -75,7 +75,7 @@ CHOSEN: Mapping[str, Any] = MappingProxyType(
 
 
 class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
-    """What the paper's experiments are in one scenario.
+    """The paper's experiments in one scenario.
 
     Attributes:
         name: first words of the suite's name.

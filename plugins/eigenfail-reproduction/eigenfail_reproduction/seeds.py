@@ -20,7 +20,7 @@ class JudgedStatement(msgspec.Struct, frozen=True, kw_only=True):
     """A statement of the paper, with the number of seeds that gave each answer.
 
     Attributes:
-        subject: what of several campaigns it was judged by; empty where there is one choice.
+        subject: what of several campaigns it was judged by; empty if there is one choice.
         held: seeds in which it holds.
         refuted: seeds in which it does not hold.
         undecided: seeds in which it could be asked, and an interval includes no difference.

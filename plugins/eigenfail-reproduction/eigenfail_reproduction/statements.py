@@ -443,7 +443,7 @@ def _gather_evidence(
 
 
 def _list_causes(client: Client, campaign: int) -> Mapping[int, str]:
-    """Return the cause of each failure, by episode; nothing where the scenario names none."""
+    """Return the cause of each failure, by episode; nothing if the scenario names none."""
     failures = client.episodes.list(campaign, Outcome.COLLISION)
     return {each.index: each.cause for each in failures if each.cause is not None}
 

@@ -206,7 +206,7 @@ def list_readings(
 ) -> Mapping[tuple[str, str], AnalysisSettings]:
     """Return the settings of the analyses of a programme, by axes and alignment.
 
-    Where the noise is on every vehicle, an axis is that of all vehicles, and all analyses but that
+    If the noise is on every vehicle, an axis is that of all vehicles, and all analyses but that
     for replays are aligned at the collision.
     """
     if not programme.every_vehicle:

@@ -113,7 +113,7 @@ def log_p_per_step(noise: Sequence[Floats]) -> float:
 
 
 def summarise_mixing(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
-    """What the diagnostics say of them: the worst projections."""
+    """The words of the diagnostics on them: the worst projections."""
     states = [read_state(run.state) for run in runs]
     found = [measure_projections(facts.projections, trace) for facts, trace in states]
     worst = "; worst: " + ", ".join(each[0].name for each in found)

@@ -139,7 +139,7 @@ class SimulatedAnnealing:
         return RoundSizes(settings.runs, settings.runs, "runs")
 
     def propose(self, n: int) -> Proposal:
-        """Return the next move of each run, of the first n where there are more."""
+        """Return the next move of each run, of the first n if there are more."""
         count = min(n, len(self._walks))
         return Proposal(tuple(TrajectorySource(self._hold(i)) for i in range(count)))
 

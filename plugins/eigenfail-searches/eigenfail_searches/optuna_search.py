@@ -220,7 +220,7 @@ class TrialTable(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         points: noise that was asked for, shape (n, dimension). [sigma]
-        values: objectives, shape (n, objectives); NaN where none was told.
+        values: objectives, shape (n, objectives); NaN if none was told.
         generations: generation of each trial under `nsga2`, shape (n,); -1 of other samplers.
         states: number of the state that Optuna gives each trial, shape (n,).
         parents: numbers of the trials that the newest generation descends from.

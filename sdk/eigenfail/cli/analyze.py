@@ -131,7 +131,7 @@ def analyze(
     """Group the failures of a campaign into failure modes.
 
     With --prove, eigenfailures and medoids are replayed in the same scenario and in its
-    neighbours, and the number that fail again is printed. Where the centre of a mode does not
+    neighbours, and the number that fail again is printed. If the centre of a mode does not
     fail, the nearest noise that does is searched on the way to its medoid.
     """
     given = {

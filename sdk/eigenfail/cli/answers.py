@@ -16,7 +16,7 @@ from eigenfail.progress import announce
 
 
 class Printable(Protocol):
-    """What a command prints, and the exit code that follows from it."""
+    """The output of a command, and its exit code."""
 
     @property
     def exit_code(self) -> int:

@@ -28,7 +28,7 @@ def compare(client: Client, a: SideIds, b: SideIds) -> CommandResult:
 
     Failure rates and their difference, with 95 % intervals where both drew noise from p(x); cost
     per failure and log p per step; where both saw the same noise (Monte Carlo or replay from the
-    same seed) McNemar's exact test on pairs of episodes; over seeds, where there are enough of
+    same seed) McNemar's exact test on pairs of episodes; over seeds, if there are enough of
     them, the Vargha-Delaney effect size of the failure rates.
     """
     # Read first: a mistyped id costs no comparison.

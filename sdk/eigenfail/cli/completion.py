@@ -1,4 +1,4 @@
-"""What shells offer behind a word that is begun: ids of campaigns, names of plug-ins.
+"""Completions of a word in a shell: ids of campaigns, names of plug-ins.
 
 A shell waits for it: whatever is not at hand within a moment is not offered.
 """

@@ -91,7 +91,7 @@ def list_plugins() -> Iterator[Finding]:
 
 
 def describe_episode_loop() -> Iterator[Finding]:
-    """How the built-in simulators run here; nothing where they are not installed."""
+    """How the built-in simulators run here; nothing if they are not installed."""
     try:
         simulator = plugins.load(plugins.SIMULATORS, "point_mass")
     except EigenfailError:

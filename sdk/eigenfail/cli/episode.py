@@ -155,7 +155,7 @@ def _list_replay_facts(episode: str, replayed: Replayed) -> FactTable:
 
 
 def _explain_difference(replayed: Replayed) -> str:
-    """What may be the cause of a difference."""
+    """Possible causes of a difference."""
     if replayed.unsteady is not None:
         return describe_unsteadiness(replayed.unsteady)
     if replayed.differing is None:
@@ -282,7 +282,7 @@ def export(
 
 
 def _refuse_options(wanted: ExportRequest) -> None:
-    """Refuse options that choose episodes or columns where one episode is named."""
+    """Refuse options that choose episodes or columns if one episode is named."""
     usual = msgspec.structs.asdict(ExportRequest())
     for name, given in msgspec.structs.asdict(wanted).items():
         if given != usual[name]:

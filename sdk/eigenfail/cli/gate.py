@@ -208,7 +208,7 @@ RUN = "run"
 
 
 class GateCommands(TyperGroup):
-    """`eigenfail gate`, which runs the gate of a file where no other command is named."""
+    """`eigenfail gate`, which runs the gate of a file if no other command is named."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front of a file."""

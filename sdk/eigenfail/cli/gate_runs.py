@@ -204,7 +204,7 @@ def _index_episodes(client: Client, campaign: Campaign) -> dict[int, EpisodeRow]
 
 
 def _find_drawn_parameters(campaign: Campaign, index: int) -> Mapping[str, Any]:
-    """What an episode drew of its scenario's parameters, by name."""
+    """The scenario parameters that an episode drew, by name."""
     return drawn_for(campaign.spec, episode_seed(campaign.spec.seed, index))
 
 
@@ -281,7 +281,7 @@ class Runner:
         now: Campaigns,
         gate: GateRun,
     ) -> MemberReport:
-        """What became of a member that the baseline has."""
+        """The verdict on a member that the baseline has."""
         findings = (
             make_known_findings(
                 self._find_proof(replay),
@@ -307,7 +307,7 @@ class Runner:
         return drop_unproven(replay.now, map_outcomes(_index_episodes(self._client, found)))
 
     def _judge_rerun(self, was: Campaign, now: Campaign, gate: GateRun) -> Rerun:
-        """What became of a campaign that was run again."""
+        """The verdict on a campaign that was run again."""
         comparison = self._client.campaigns.compare(was.id, now.id)
         side = self._read_side(now)
         before = self._read_side(was)
@@ -320,7 +320,7 @@ class Runner:
     def _read_side(self, campaign: Campaign) -> RerunSide:
         """Return a campaign with the outcomes of its episodes."""
         counts, list_episodes = campaign.counts, self._client.episodes.list
-        # Among the safe episodes those that may be unresolved are few.
+        # Of the safe episodes only those that may be unresolved: by 7 m/s², or by weaker brakes.
         ends = ("final_drac_mps2 > 7", "peak_braking_mps2 < 7 and final_drac_mps2 > 0")
         found = (list_episodes(campaign.id, Outcome.SAFE, filter=each) for each in ends)
         may_collide = chain.from_iterable(found)

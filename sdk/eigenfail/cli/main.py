@@ -129,7 +129,7 @@ def defer(name: str) -> DeferredCommand:
 def defer_plugins() -> Iterator[DeferredCommand]:
     """Yield the stand-ins of commands that other distributions bring, sorted by name.
 
-    Where several claim one name, its stand-in refuses: it takes the place of a command of the core,
+    If several claim one name, its stand-in refuses: it takes the place of a command of the core,
     since a plug-in must neither replace one nor be ignored without a word.
     """
     brought = dict(sorted(plugins.list_claims(plugins.COMMANDS).items()))

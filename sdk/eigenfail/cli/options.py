@@ -194,7 +194,7 @@ def name_values(command: Any) -> Any:
 
 
 def _name_value(parameter: Any) -> str | None:
-    """Return the name of a parameter's value; None where its choices are listed in its place."""
+    """Return the name of a parameter's value; None if its choices are listed in its place."""
     kind = parameter.type_descriptor.annotation
     # The choices say more than a name would.
     if isinstance(kind, EnumType):

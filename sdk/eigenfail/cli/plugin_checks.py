@@ -164,7 +164,7 @@ def run_checks(contract: Contract, place: str, plugin: Any) -> Iterator[CheckRes
 
 
 def _find_complaint(check: PluginCheck) -> str:
-    """What the check found, in words; nothing if the contract is kept."""
+    """The findings of the check, in words; nothing if the contract is kept."""
     complaints: list[str] = []
 
     def ask() -> None:

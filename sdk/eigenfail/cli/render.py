@@ -1,4 +1,4 @@
-"""What commands print: JSON for programs, tables for people; with `--watch`, again and again."""
+"""The output of commands: JSON for programs, tables for people; with `--watch`, again and again."""
 
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -57,7 +57,7 @@ def to_json(value: Any, indent: int = 2) -> str:
 
 # A pipe has no width. Programs read a row as a line, and all columns of it.
 def make_console() -> Console:
-    """Return the console for tables; wide enough for one line a row if it is no terminal."""
+    """Return the console for tables; wide enough for one line a row if it is not a terminal."""
     screen = Console(highlight=False)
     return screen if screen.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
 
@@ -73,7 +73,7 @@ def show(value: object, as_json: bool, *document: Block) -> None:
 
 
 class CommandResult:
-    """What a command found.
+    """The findings of a command.
 
     Args:
         data: what `--json` prints.
@@ -111,7 +111,7 @@ POLL_S = 1.0
 
 @dataclass(frozen=True)
 class TerminalView(Generic[Snapshot]):
-    """What a command shows.
+    """The output of a command.
 
     Attributes:
         look: fetches the current state.
@@ -201,7 +201,7 @@ PATIENCE_S = 5.0
 
 
 def find_missing_workers(client: Client, campaign: Campaign) -> tuple[str, ...]:
-    """Which worker a campaign waits for; nothing where one is there, or where it is not known."""
+    """Which worker a campaign waits for; nothing if one is there, or if it is not known."""
     if campaign.state != CampaignState.RUNNING:
         return ()
     try:

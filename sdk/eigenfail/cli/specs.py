@@ -172,7 +172,7 @@ def parse_changes(
 
 
 def describe_check(found: CampaignCheck) -> str:
-    """What a check found, in words."""
+    """The findings of a check, in words."""
     if found.spec is None:
         return "\n".join(f"{each.detail} {each.remedy}".strip() for each in found.problems)
     fields = msgspec.to_builtins(found.spec)

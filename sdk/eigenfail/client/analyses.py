@@ -266,7 +266,7 @@ class TriageRecords:
 
         Raises:
             NotFound: no such analysis or mode.
-            InvalidValue: a value is outside its bounds, or the ticket is no address.
+            InvalidValue: a value is outside its bounds, or the ticket is not an address.
         """
         change = read_fields(fields, TriageChange)
         return self._link.post(f"{locate_mode(analysis, mode)}/triage", Triage, change)

@@ -129,7 +129,7 @@ class Campaigns:
 
         Args:
             campaign: campaign of the failure, or its id; or the failure itself.
-            episode: the failure, or its index; None where `campaign` is the failure.
+            episode: the failure, or its index; None if `campaign` is the failure.
             episodes: the budget of replays.
 
         Raises:

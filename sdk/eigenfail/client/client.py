@@ -167,7 +167,7 @@ class Keys:
             quotas: how much may be done with it.
 
         Raises:
-            InvalidValue: a value outside its bounds; or a first key that is no administrator's.
+            InvalidValue: a value outside its bounds; or a first key that is not an administrator's.
         """
         wanted = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
         return self._link.post("/keys", access.NewKey, read_fields(wanted, access.KeyRequest))

@@ -206,7 +206,7 @@ class Extent(msgspec.Struct, frozen=True):
 
     Attributes:
         count: returns the number of rows; None: they are counted one by one.
-        reverse: the parameters with which the same list begins with its last row; None where there
+        reverse: the parameters with which the same list begins with its last row; None if there
             is no such order.
         fields: names of the fields that were asked for; empty: rows are whole values.
     """
@@ -363,7 +363,7 @@ class Link:
             yield iter(source)
 
     def trouble(self, path: str) -> errors.EigenfailError | None:
-        """What a path outside the API complains of; ServiceUnreachable if nothing answers."""
+        """The complaint of a path outside the API; ServiceUnreachable if nothing answers."""
         try:
             answer = self._http.get(path, timeout=3.0)
         except httpx2.TransportError as error:
@@ -375,7 +375,7 @@ class Link:
         self._http.close()
 
     def unreachable(self, error: httpx2.TransportError) -> errors.ServiceUnreachable:
-        """What to raise when nothing came back."""
+        """The error to raise if nothing came back."""
         return errors.ServiceUnreachable(
             f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
             "Start one with `eigenfail up`, or give the address of one that runs, not of its hub"

@@ -85,7 +85,7 @@ def find_episode_id(campaign: CampaignLike, index: EpisodeLike | None) -> tuple[
 
     Args:
         campaign: its campaign; or the episode itself, as lists have it.
-        index: the episode; None where `campaign` is the episode.
+        index: the episode; None if `campaign` is the episode.
 
     Raises:
         InvalidValue: a value is neither an id nor such an object, the index is missing, or the
@@ -153,7 +153,7 @@ def locate_mode(analysis: AnalysisLike, mode: ModeLike | None = None) -> str:
 
     Args:
         analysis: its analysis; or the mode itself, as lists have it.
-        mode: the mode; None where `analysis` is the mode.
+        mode: the mode; None if `analysis` is the mode.
 
     Raises:
         InvalidValue: a value is neither an id nor such an object, the mode is missing, or it

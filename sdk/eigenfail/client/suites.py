@@ -34,7 +34,7 @@ class Suites:
         self._campaigns = campaigns
 
     def find(self, suite: Suite) -> Seen:
-        """The campaign of each member, in order; None where there is none yet."""
+        """The campaign of each member, in order; None if there is none yet."""
         found = self._found(suite)
         return tuple(found.get(member.name) for member in suite.members)
 
@@ -103,7 +103,7 @@ class Suites:
     ) -> Seen:
         """Start all of a suite, members that build upon others once these are done, and wait.
 
-        Where one of those is cancelled or dead, or was paused by a user, there is no campaign of a
+        If one of those is cancelled or dead, or was paused by a user, there is no campaign of a
         member that builds upon it.
 
         Args:
@@ -122,7 +122,7 @@ class Suites:
         return wait_until(look, are_at_rest, poll_s, timeout_s, _describe_rest)
 
     def summaries(self, suite: Suite) -> tuple[Summary | None, ...]:
-        """What each member found so far, in order; None where there is no campaign yet."""
+        """The findings of each member so far, in order; None if there is no campaign yet."""
         return tuple(
             self._campaigns.summary(campaign.id) if campaign else None
             for campaign in self.find(suite)

@@ -67,7 +67,7 @@ class Trained(Protocol):
 
 
 class Reference(StrEnum):
-    """What a method takes from an earlier campaign or analysis named in its settings."""
+    """The part that a method takes of an earlier campaign or analysis, which its settings name."""
 
     NOISE = "noise"
     """Noise trajectories to inject again."""
@@ -136,7 +136,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
         mode_probability: way in which the probability of a failure mode is found.
         chart_mark: index of its colour and shape in charts; None derives one from its name.
         references: settings that name earlier campaigns or analyses, with what it takes from them.
-            Noise is named by `analysis` or `campaign` alone. Where `analysis` names noise, `mode`,
+            Noise is named by `analysis` or `campaign` alone. If `analysis` names noise, `mode`,
             `modes` and `what` say which; where `campaign` does, `episode` and `episodes`: see the
             settings of `replay` and `minimal`. A method that declares none may use all these names
             as it likes: then only what a user gives counts, and only if it is an id, or ids.

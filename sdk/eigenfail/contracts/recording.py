@@ -47,7 +47,7 @@ class EpisodeRecording(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=Tru
         planner: name of the planner that drove the ego.
         digest: SHA-256 of what happened.
         channels: names of the channels of the noise, in the order of its columns.
-        mission: lanes of the scenario; None where they are not known.
+        mission: lanes of the scenario; None if they are not known.
     """
 
     campaign: int
@@ -71,7 +71,7 @@ class EpisodeRecording(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=Tru
 
     @property
     def title(self) -> str:
-        """What the file shows, in words."""
+        """The content of the file, in words."""
         return f"Episode {self.campaign}/{self.index}: {self.outcome.word}"
 
 
@@ -83,7 +83,7 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
         scenes: courses of the episodes, all with the same time step; the first is the one that
             the view follows.
         total: episodes of the mode, of which the scenes may be a sample.
-        mission: lanes of the scenario; None where they are not known.
+        mission: lanes of the scenario; None if they are not known.
         aligned_at_end: whether they are aligned at their last step, and not at their first.
         episodes: campaign and index of each, in the order of the scenes; empty if not told.
         has_medoid: whether the first one is the medoid of the mode, whose scene may be missing.

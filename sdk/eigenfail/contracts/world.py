@@ -60,7 +60,7 @@ class SignallingPlanner(Planner, Protocol):
     def signals(self) -> Mapping[str, float]:
         """Return the value of each signal after the reset or the last step, by name.
 
-        It does not change the planner's state, and is called only where a campaign needs a signal.
+        It does not change the planner's state, and is called only if a campaign needs a signal.
         """
 
 
@@ -201,7 +201,7 @@ class Simulator(Protocol):
                 `every.speed`. Channels of the scenario's parameters are not among them.
 
         A simulator with `occludes` takes a further argument, `occlusion`: whether vehicles that
-        others hide are not detected. It is given only where it is True.
+        others hide are not detected. It is given only if it is True.
         """
 
 

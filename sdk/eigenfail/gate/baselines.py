@@ -28,7 +28,7 @@ Resolve = Callable[[CampaignSpec], CampaignSpec]
 
 
 def name_run(suite: str, version: str) -> str:
-    """What a suite is called where it is run for one version of its planners."""
+    """The name of a suite that is run for one version of its planners."""
     return f"{suite} @ {version}"
 
 

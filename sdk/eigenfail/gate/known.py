@@ -31,7 +31,7 @@ class KnownFailure(msgspec.Struct, frozen=True):
     Attributes:
         what: it is, in words.
         was: the baseline's episode, as CAMPAIGN/INDEX; empty of an eigenfailure.
-        before: what came of it with the baseline's planner; None where that was never tried.
+        before: what came of it with the baseline's planner; None if that was never tried.
         mode: failure mode that it stands for, as ANALYSIS/NUMBER; empty of a minimal failure.
     """
 
@@ -90,7 +90,7 @@ def _set_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
 def make_minimal_replay(
     under: RunSettings, minimal: Campaign, index: int, drawn: Mapping[str, Any]
 ) -> KnownReplay:
-    """What a campaign shrank its failure to.
+    """The failure to which a campaign shrank its own.
 
     Args:
         under: the planner.
@@ -111,7 +111,7 @@ def make_minimal_replay(
 def is_minimal_search(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
     """Whether a campaign shrank a failure of another, or a mode of its analysis.
 
-    With the same planner: otherwise the rest is no failure of the baseline's planner.
+    With the same planner: otherwise the rest is not a failure of the baseline's planner.
     """
     spec, planner = campaign.spec, (before.spec.planner, before.spec.planner_settings)
     named = {"campaign": before.id, "analysis": analysis.id}
@@ -134,7 +134,7 @@ def drop_unproven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> Known
 def make_known_findings(
     replay: KnownReplay, rows: Mapping[int, EpisodeRow], pages: str
 ) -> tuple[reruns.GateFinding, ...]:
-    """What became of each known failure of a replay.
+    """The fate of each known failure of a replay.
 
     Args:
         replay: what was injected.
@@ -160,7 +160,7 @@ def make_mode_replays(
 ) -> Iterator[KnownReplay]:
     """The eigenfailures and medoids of an analysis, each in its own scenario.
 
-    Where the scenario's parameters vary, an eigenfailure's own scenario is that of its medoid:
+    If the scenario's parameters vary, an eigenfailure's own scenario is that of its medoid:
     modes whose medoids drew the same share a campaign.
 
     Args:
@@ -250,7 +250,7 @@ class NewMode(NamedTuple):
 
         Args:
             judged: whether failures are independent.
-            name: name of the mode; empty where it is left out.
+            name: name of the mode; empty if it is left out.
         """
         chance = f" (p = {self.p_value:.2g})" if judged else ""
         named = f" ({name})" if name else ""

@@ -1,4 +1,4 @@
-"""What a gate found, and whether it is open.
+"""The findings of a gate, and whether it is open.
 
 The report is also written as JUnit XML, which Jenkins, GitLab and GitHub read: one `testsuite` for
 each member of the suite, one `testcase` for each known failure, for each campaign that was run
@@ -33,14 +33,14 @@ INCONCLUSIVE = "inconclusive"
 
 
 class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What became of one member of the suite.
+    """The verdict on one member of the suite.
 
     Attributes:
-        baseline: its campaign there; None where there is none, so that nothing is judged.
+        baseline: its campaign there; None if there is none, so that nothing is judged.
         known: the known failures, replayed.
         known_left_out: how many more known failures there are of each verdict, in a report that was
-            too large for a service; empty where `known` has all of them.
-        rerun: None where the baseline is the version itself.
+            too large for a service; empty if `known` has all of them.
+        rerun: None if the baseline is the version itself.
         notes: what could not be done, in sentences.
     """
 
@@ -71,7 +71,7 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         baseline: as it was named; empty if this run makes one.
         strict: whether failures that were there before close the gate, too.
         by: by what campaigns under the same noise are judged.
-        file: file of the suite, as the command named it; empty where that is not known.
+        file: file of the suite, as the command named it; empty if that is not known.
     """
 
     suite: ReportName
@@ -89,7 +89,7 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a gate found.
+    """The findings of a gate.
 
     Attributes:
         counts: how many known failures, episodes and campaigns there are of each verdict.
@@ -194,7 +194,7 @@ def to_junit(report: GateReport) -> bytes:
 
 
 def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str, str]]:
-    """What the member's verdicts rest on, by name."""
+    """The basis of the member's verdicts, by name."""
     yield "version", gate.version
     yield "baseline", gate.baseline
     if member.baseline is not None:
@@ -327,7 +327,7 @@ def describe_conclusion(report: GateReport) -> str:
 
 
 def _describe_findings(report: GateReport) -> str:
-    """What a baseline knows."""
+    """The facts of a baseline."""
     seen = [member.baseline for member in report.members if member.baseline]
     failures, completed = (
         sum(getattr(each, name) for each in seen) for name in ("failures", "completed")
@@ -338,7 +338,7 @@ def _describe_findings(report: GateReport) -> str:
 
 
 def _list_caveats(report: GateReport) -> Iterator[str]:
-    """What an open or a closed gate does not mean."""
+    """The limits of an open or a closed gate."""
     reruns = [each.rerun for each in report.members if each.rerun]
     if by_rate := [rerun for rerun in reruns if rerun.by is JudgedBy.RATE]:
         yield _describe_false_alarms(by_rate)
@@ -384,7 +384,7 @@ def _bound_false_alarm(rerun: Rerun) -> float:
 
 
 def list_notes(member: MemberReport) -> Iterator[str]:
-    """What could not be done, and which member it is of."""
+    """A step that could not be done, and its member."""
     yield from (f"{member.member}: {note}" for note in member.notes)
     if member.rerun:
         yield from (f"{member.member}: {warning}" for warning in member.rerun.warnings)

@@ -42,8 +42,8 @@ class GateFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     Attributes:
         what: was injected, in words.
-        was: the baseline's episode, as CAMPAIGN/INDEX; empty where there is none.
-        mode: failure mode of the baseline that it belongs to, as ANALYSIS/NUMBER; empty where there
+        was: the baseline's episode, as CAMPAIGN/INDEX; empty if there is none.
+        mode: failure mode of the baseline that it belongs to, as ANALYSIS/NUMBER; empty if there
             is none.
         episode: the new planner's, as CAMPAIGN/INDEX; empty if it was never run.
         replay: the command that runs it again.
@@ -75,7 +75,7 @@ class JudgedBy(StrEnum):
 
 
 class RerunFigures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a campaign found, in numbers.
+    """The findings of a campaign, in numbers.
 
     Attributes:
         unresolved: safe episodes that are unresolved.
@@ -98,12 +98,12 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         verdict: verdict over all campaigns.
         by: whether its episodes count one by one, or all of it together.
         words: what it rests on, in a sentence.
-        unpaired_because: why episodes cannot be held against each other one by one; empty where
+        unpaired_because: why episodes cannot be held against each other one by one; empty if
             they were.
-        counts: how many failing episodes there are of each verdict; empty where unpaired.
+        counts: how many failing episodes there are of each verdict; empty if unpaired.
         findings: some of them, the new ones first; where unpaired, the likeliest failures.
         difference: difference of the failure rates; None before both completed an episode.
-        modes: whether a failure mode is new, in a sentence; empty where that was not asked.
+        modes: whether a failure mode is new, in a sentence; empty if that was not asked.
         new_modes: a failure of each mode that is new, the one nearest to its centre; they count
             only where `judges_modes`.
         warnings: what keeps the comparison from saying more.
@@ -153,7 +153,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 def make_finding(
     found: GateVerdict, what: str, was: str, row: EpisodeRow | None, pages: str
 ) -> GateFinding:
-    """What became of one episode.
+    """The fate of one episode.
 
     Args:
         found: the verdict.
@@ -355,7 +355,7 @@ def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
 
 
 def read_figures(campaign: Campaign, unresolved: int = 0) -> RerunFigures:
-    """What a campaign found.
+    """The findings of a campaign.
 
     Args:
         campaign: as it stands.

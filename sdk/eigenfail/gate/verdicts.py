@@ -17,7 +17,7 @@ INFRASTRUCTURE = "infrastructure"
 
 
 class GateVerdict(StrEnum):
-    """What became of a failure under the new planner.
+    """The fate of a failure under the new planner.
 
     `new`: it fails, and the baseline did not. `still failing`: both fail. `fixed`: the baseline
     failed. `safe`: it does not fail, and is not known to fail in the baseline, or may have been
@@ -40,7 +40,7 @@ STRICTLY_CLOSING = CLOSING | {GateVerdict.STILL_FAILING, GateVerdict.UNPROVEN}
 
 
 def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
-    """What became of an episode that both planners were given.
+    """The fate of an episode that both planners had.
 
     Args:
         before: what came of it with the baseline's planner; None if that is not known.
@@ -91,7 +91,7 @@ class RunOutcomes(msgspec.Struct, Generic[Row], frozen=True):
 
 
 def judge_pairs(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, GateVerdict]:
-    """What became of each episode that failed on a side, by index.
+    """The fate of each episode that failed on a side, by index.
 
     Episodes that only the baseline tried, or that neither could run, are left out.
 
@@ -134,10 +134,10 @@ def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -
 
     New where the baseline found none, however few there are now, or where the share of failures
     rose so far that Newcombe's 95 % interval of the difference lies above 0: beyond chance, if both
-    drew from p(x), and beyond a threshold of the gate, if a search chose the episodes. Where both
+    drew from p(x), and beyond a threshold of the gate, if a search chose the episodes. If both
     campaigns estimate the failure probability, new if the two 95 % intervals do not meet (a lower
     bound of the probability has none and decides nothing). Fixed, if it fell so far; safe, if there
-    is no failure now, and it did not fall so far.
+    is not a failure now, and it did not fall so far.
     """
     if has_new_errors(before.counts, now.counts):
         return GateVerdict.CANNOT_RUN
@@ -151,9 +151,9 @@ def has_new_errors(before: Counts, now: Counts) -> bool:
 
 
 def judge_rate_by_chance(pairs: McNemar | None, counts: Mapping[GateVerdict, int]) -> GateVerdict:
-    """What became of all pairs of episodes together.
+    """The verdict on all pairs of episodes together.
 
-    New where none failed before, or where more of them fail newly than no longer, by more than
+    New if none failed before, or where more of them fail newly than no longer, by more than
     chance: where McNemar's exact test on them gives p < 0.05. Fixed, if it is the other way round;
     safe, if none fails now, and no fewer than chance explains.
     """
@@ -171,7 +171,7 @@ def _judge_change(before: int, now: int, change: int) -> GateVerdict:
     Args:
         before: number of failures of the baseline.
         now: number of failures of the new planner.
-        change: 1 where they rose by more than the rule allows, -1 where they fell, else 0.
+        change: 1 if they rose by more than the rule allows, -1 if they fell, else 0.
     """
     # A first failure is new however rare it is: no test could tell it from none.
     if not before:
@@ -185,7 +185,7 @@ CHANGES = {1: GateVerdict.NEW, 0: GateVerdict.STILL_FAILING, -1: GateVerdict.FIX
 def find_change(
     before: Estimate | None, now: Estimate | None, difference: Difference | None
 ) -> int:
-    """1 where the failures rose by more than the gate's rule allows, -1 where they fell, else 0."""
+    """1 if the failures rose by more than the gate's rule allows, -1 if they fell, else 0."""
     # An estimate weighs the failures of a search, so that it says more than their share.
     if ends := subtract_estimates(before, now):
         low, high = ends
@@ -236,7 +236,7 @@ def join_counts(counts: Mapping[GateVerdict, int]) -> str:
 
 
 def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) -> str:
-    """What became of pairs of episodes."""
+    """The verdict on pairs of episodes."""
     pairs = comparison.pairs
     if pairs is None:
         return comparison.unpaired_because
@@ -250,7 +250,7 @@ def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) ->
 def describe_rates(
     verdict: GateVerdict, before: Campaign, now: Campaign, comparison: Comparison
 ) -> str:
-    """What became of the failures of a campaign as a whole."""
+    """The verdict on the failures of a campaign as a whole."""
     was, counts = before.counts, now.counts
     shares = f"{counts.failures} of {counts.completed} fail, {was.failures} of {was.completed} did"
     if verdict is GateVerdict.NEW and not was.failures:

@@ -127,7 +127,7 @@ NEEDED_MODULES = ("fastapi", "sqlalchemy", "torch", "zmq")
 
 
 class Launcher(StrEnum):
-    """What starts workers: Ray, the service itself on this machine, or users by hand."""
+    """The starter of workers: Ray, the service itself on this machine, or users by hand."""
 
     RAY = "ray"
     LOCAL = "local"
@@ -135,7 +135,7 @@ class Launcher(StrEnum):
 
 
 class Ready(msgspec.Struct, frozen=True):
-    """What the services process says once it serves."""
+    """The message of the services process once it serves."""
 
     ready: bool
     hub: str

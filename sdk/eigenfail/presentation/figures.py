@@ -64,7 +64,7 @@ def format_number(value: float | None, digits: int = DIGITS) -> str:
 
 
 def format_signed(value: float | None, digits: int = DIGITS) -> str:
-    """Return a number with its sign, also where it is positive."""
+    """Return a number with its sign, also if it is positive."""
     text = format_number(value, digits)
     return f"+{text}" if value is not None and isfinite(value) and value > 0.0 else text
 

@@ -44,7 +44,7 @@ FAILED_SHARE = "Share of episodes that failed"
 def name_rates(rates: Iterable[Rate | None]) -> str:
     """Return the heading of shares of failures, in sentence case.
 
-    The share of the episodes that a search chose is no failure rate: a heading above one of them
+    The share of the episodes that a search chose is not a failure rate: a heading above one of them
     says what is true of all.
     """
     searched = any(rate is not None and not rate.sampled for rate in rates)
@@ -98,7 +98,7 @@ def _count_doubtful(errored: int, unresolved: int) -> list[str]:
 def explain_design(rate: Rate) -> str:
     """Return how a rate is estimated where a stop rule judged failures, as a sentence.
 
-    Empty for a fixed number of episodes, and where none failed, which leaves only an upper bound.
+    Empty for a fixed number of episodes, and if none failed, which leaves only an upper bound.
     """
     if not rate.k or rate.design is not RateDesign.FAILURES:
         return SENTENCES[rate.design] if rate.k else ""

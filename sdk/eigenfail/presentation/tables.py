@@ -31,7 +31,7 @@ class FormattedCell(NamedTuple):
     Attributes:
         value: the value, with its unit if the column does not have it.
         interval: interval of 95 %, in brackets; empty without one.
-        sample: the number of episodes behind the value, where no other column has it.
+        sample: the number of episodes behind the value, if no other column has it.
         basis: what else the value rests on, a line each; terminals leave it out.
     """
 
@@ -48,7 +48,7 @@ class FormattedCell(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What stands below the value."""
+        """The line below the value."""
         interval = f"95 %: {self.interval}" if self.interval else ""
         return tuple(filter(None, (interval, self.sample, *self.basis)))
 

@@ -13,7 +13,7 @@ PACKAGE, PROCESSOR = "eigenfail", "processor"
 
 
 class WorkerState(StrEnum):
-    """What a worker is at."""
+    """The present work of a worker."""
 
     AT_WORK = "at work"
     WAITING = "waiting"
@@ -21,7 +21,7 @@ class WorkerState(StrEnum):
 
 
 class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker did lately; only results that came within the time asked for count.
+    """The latest work of a worker; only results that came within the time asked for count.
 
     Attributes:
         worker: its name; that of a worker without one is its host and process.

@@ -71,7 +71,7 @@ def _is_finite(control: object) -> bool:
 
 
 def _gives_finite_controls(make: MakePlanner, perceptions: Sequence[Perception]) -> bool:
-    """Whether every answer is finite, and none an error, where every vehicle is detected."""
+    """Whether every answer is finite, and none an error, if every vehicle is detected."""
     with suppress(Exception):
         return all(map(_is_finite, drive(make(), perceptions)))
     return False

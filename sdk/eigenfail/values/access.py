@@ -16,7 +16,7 @@ Limit = Annotated[int, msgspec.Meta(ge=0, le=MOST)] | None
 
 
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Bounds on the campaigns that are made with a key; null where there is none.
+    """Bounds on the campaigns that are made with a key; null if there is none.
 
     Attributes:
         max_open: most campaigns at once that have not ended; queued and paused ones count.
@@ -229,7 +229,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
     Attributes:
         id: number of the line.
         at_ms: when it was answered, in milliseconds since 1970.
-        who: the key's name; `loopback` or `network` where no key was required, `database` for
+        who: the key's name; `loopback` or `network` if no key was required, `database` for
             what was done on the database itself; the system's user for the keys of workers.
         key: id of the key.
         method: method of the request.
@@ -238,7 +238,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
         address: address from which the request came.
         status: status of the answer.
         details: fields that the request gave, with their values; without any that may hold a
-            secret, and empty where there are none.
+            secret, and empty if there are none.
     """
 
     id: int

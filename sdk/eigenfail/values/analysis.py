@@ -26,13 +26,13 @@ NARROW_SPREAD = 0.5
 class Diversity(msgspec.Struct, frozen=True, kw_only=True):
     """How the failures of a campaign spread over modes.
 
-    Where clusters cannot be distinguished from those of noise, all failures count as one mode.
+    If clusters cannot be distinguished from those of noise, all failures count as one mode.
 
     Attributes:
         failures: how many it rests on.
         modes: clusters that are more than what clustering finds in noise; at least 1.
         largest_share: share of the failures that is in the largest mode.
-        effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 where all are in
+        effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 if all are in
             one mode, `modes` where all modes hold equally many.
         spread: how much the failures differ: root mean square over steps and channels of the
             standard deviation of z between failures; 1 for noise of p(x), None of a single failure.
@@ -101,7 +101,7 @@ class Stability(msgspec.Struct, frozen=True):
         resamples: how often they were drawn.
         rows: how many failures each draw has.
         median: median of the adjusted Rand index (Hubert and Arabie 1985) between the clusters and
-            those of a draw: 1 where they are the same, 0 as by chance.
+            those of a draw: 1 if they are the same, 0 as by chance.
         interval: interval from the 2.5 % to the 97.5 % quantile of the index over the draws.
     """
 
@@ -118,7 +118,7 @@ class Moment(msgspec.Struct, frozen=True):
         axis: the channel, such as "longitudinal" or "lateral".
         step: row of `influence`, in the alignment of the analysis.
         before_collision_s: time from the step to the collision; with alignment at the start to
-            that of the median failure. None where steps have no duration. [s]
+            that of the median failure. None if steps have no duration. [s]
         influence: influence of this step, as in `influence`.
     """
 
@@ -137,11 +137,11 @@ class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
     Attributes:
         seconds: how long before the collision the time begins. [s]
         time: its share of the time.
-        longitudinal: its share of the longitudinal influence; None where there is none.
+        longitudinal: its share of the longitudinal influence; None if there is none.
         lateral: the same of the lateral influence.
         both: its share of all of it.
         channels: its share of the influence of each of the analysis's channels, in their order;
-            empty where they are the longitudinal and the lateral one, which have their own fields.
+            empty if they are the longitudinal and the lateral one, which have their own fields.
     """
 
     seconds: float
@@ -283,12 +283,12 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
         band: band from the 10 % to the 90 % quantile of its failures' z at each step, of those that
             lasted so long, shape (2, steps, channels), aligned as `eigenfailure`. [sigma]
         components: principal components of the noise of its failures alone, shape (at most as many
-            as the analysis has, steps, channels), in its alignment; None where failures were
+            as the analysis has, steps, channels), in its alignment; None if failures were
             grouped by their noise.
         explained: share of the variance of its failures' noise that each of them explains.
         number: its number in the analysis, from 1, as pages and commands have it; 0 of a mode that
             belongs to no result.
-        drawn: scenario parameters that its medoid drew, by name; none where none vary.
+        drawn: scenario parameters that its medoid drew, by name; none if none vary.
         lasting: number of steps that at least half of its failures lasted; 0 if it is not known.
     """
 
@@ -337,7 +337,7 @@ class Mode(Shown, msgspec.Struct, frozen=True):
 
 
 class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):
-    """What the ego did in the failures of a mode.
+    """The behaviour of the ego in the failures of a mode.
 
     Attributes:
         mean: mean of its acceleration at each step over the failures of the mode, shape (steps,).
@@ -387,7 +387,7 @@ def propose_mode_names(words: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the modes of an analysis that were given none, each another one.
 
     A name is the beginning of the first sentence of the description, up to the end of a phrase.
-    Where another mode has the same, it is the longest beginning of the whole description that fits,
+    If another mode has the same, it is the longest beginning of the whole description that fits,
     with the number of the mode in parentheses; and "Mode 3" where none fits.
 
     Args:
@@ -424,7 +424,7 @@ def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequen
 
 
 class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
-    """What PCA and clustering found.
+    """The findings of PCA and clustering.
 
     Attributes:
         episodes: index of the episode in each row of the data.
@@ -532,7 +532,7 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
 
     @property
     def caution(self) -> str:
-        """What speaks against distinct modes in spite of the verdict; empty where nothing does.
+        """The doubts about distinct modes in spite of the verdict; empty if nothing does.
 
         Empty, too, where the verdict itself says that there are none.
         """

@@ -102,13 +102,13 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class EpisodeForm(msgspec.Struct, frozen=True):
-    """What all full episodes of a campaign have in common.
+    """The form that all full episodes of a campaign share.
 
     The default is the form of a campaign whose world was not known where it was created.
 
     Attributes:
         steps: number of steps of the longest episode.
-        step_s: duration of a step; None where steps have none. [s]
+        step_s: duration of a step; None if steps have none. [s]
         channels: names of the channels of the noise, in the order of the columns of z.
     """
 
@@ -118,7 +118,7 @@ class EpisodeForm(msgspec.Struct, frozen=True):
 
     @property
     def horizon_s(self) -> float | None:
-        """Duration of the longest episode; None where steps have no duration. [s]"""
+        """Duration of the longest episode; None if steps have no duration. [s]"""
         return None if self.step_s is None else self.steps * self.step_s
 
 
@@ -130,15 +130,15 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
             otherwise.
         active_s: time during which it was running; pauses do not count.
         digest: over all results in index order, once the campaign is done.
-        estimate: estimate of the failure probability; None where the method gives none, or none
+        estimate: estimate of the failure probability; None if the method gives none, or none
             yet.
-        overhead: the part of `active_s` that was no simulation.
-        trained_episodes: how many its learner was trained with so far; None where the method does
+        overhead: the part of `active_s` that was not a simulation.
+        trained_episodes: how many its learner was trained with so far; None if the method does
             not say.
         parts: the versions of the services that ran it, one after the other; empty until a service
             has taken it over.
         code: fingerprints of the code that workers ran its episodes with, by package; several where
-            workers had different code, and none where it is in no package with plug-ins.
+            workers had different code, and none if it is in no package with plug-ins.
         archived_ms: when it was archived; None if it is not, and lists have it. [ms since 1970]
         form: length and channels of its episodes, as they were when it was created.
     """
@@ -178,7 +178,7 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CampaignFilter(msgspec.Struct, frozen=True):
-    """What a campaign must be; None where anything will do.
+    """The conditions on a campaign; None if anything will do.
 
     Attributes:
         method: name of the method.

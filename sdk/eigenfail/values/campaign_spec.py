@@ -1,4 +1,4 @@
-"""What a campaign is asked to do: its specification, with limits, stop rules and priority."""
+"""The task of a campaign: its specification, with limits, stop rules and priority."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -19,7 +19,7 @@ RESULT_RULES = ("failures", "half_width", "cv")
 
 
 class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The first rule that holds ends the campaign; None is no rule.
+    """The first rule that holds ends the campaign; None is not a rule.
 
     Those on results are judged at whole rounds in index order, so that a campaign stops at the
     same episode on any worker. Those on time and cost are judged as it runs; they cannot be
@@ -32,7 +32,7 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             Its upper end counts errored and unresolved episodes as failures. That interval, which
             is also the one shown, may be looked at after every round, and is wider than one of a
             fixed number of episodes. It is judged for every method, also for a search, whose share
-            is no probability.
+            is not a probability.
         cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
             this, for methods that estimate one.
         wall_s: maximum running time, without pauses.
@@ -169,7 +169,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             None: what the method keeps open by itself.
         scene_every: besides all failures, keep the scene of every n-th episode.
         requirements: what an episode must satisfy, the most important first; an episode that
-            violates one of them is a failure. Where they are absent, no collision.
+            violates one of them is a failure. If they are absent, no collision.
         importance: what searches follow in episodes that are no failures, in place of the
             requirements' robustness: a requirement, which need not be satisfied. It changes how
             soon failures are found, and not what is one.
@@ -295,12 +295,12 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     @property
     def named_requirements(self) -> tuple[AnyRequirement, ...]:
-        """The requirements that are named; none where only no collision is required."""
+        """The requirements that are named; none if only no collision is required."""
         return () if isinstance(self.requirements, msgspec.UnsetType) else self.requirements
 
     @property
     def all_requirements(self) -> tuple[AnyRequirement, ...]:
-        """The requirements, also where it is the one that campaigns have by default."""
+        """The requirements, also if it is the one that campaigns have by default."""
         return self.named_requirements or COLLISION_ALONE
 
     @property
@@ -310,12 +310,12 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     @property
     def version(self) -> str:
-        """The version of the planner; empty where none is given."""
+        """The version of the planner; empty if none is given."""
         return "" if isinstance(self.planner_version, msgspec.UnsetType) else self.planner_version
 
     @property
     def all_tags(self) -> tuple[str, ...]:
-        """The tags; none where none are given."""
+        """The tags; none if none are given."""
         return () if isinstance(self.tags, msgspec.UnsetType) else self.tags
 
     def is_like(self, other: "CampaignSpec") -> bool:
@@ -341,7 +341,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         )
 
     def setup(self) -> EpisodeSetup:
-        """What all of its episodes share."""
+        """The setup that all of its episodes share."""
         return EpisodeSetup(
             simulator=self.simulator,
             scenario=self.scenario,

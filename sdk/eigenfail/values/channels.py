@@ -3,7 +3,7 @@
 `speed` is an error of the speed of the nearest vehicle, `vehicle_2.speed` of the second one of the
 scenario, `every.speed` of each of them, with noise of its own, and `ego.speed` of the ego itself.
 `delay` is how old the other vehicles are perceived, the same for a whole episode.
-`scenario.distance_m` is no error: it makes the draw of that parameter a part of the search.
+`scenario.distance_m` is not an error: it makes the draw of that parameter a part of the search.
 `observation.3` is an error of a number that a simulator names so.
 """
 
@@ -105,7 +105,7 @@ class ChannelName(NamedTuple):
 
     @property
     def vehicle(self) -> int | None:
-        """Number of the vehicle that it names, from 1; None where it names none."""
+        """Number of the vehicle that it names, from 1; None if it names none."""
         match = _VEHICLE.fullmatch(self.target)
         return int(match[1]) if match else None
 
@@ -131,7 +131,7 @@ def find_quantity(name: str) -> Quantity:
 
 
 class ChannelKind(NamedTuple):
-    """What a channel is.
+    """The kind of a channel.
 
     Attributes:
         default_shape: its shape unless a campaign gives one.

@@ -27,7 +27,7 @@ class PairTotals(msgspec.Struct, frozen=True):
 
 
 class Side(msgspec.Struct, frozen=True, kw_only=True):
-    """What the campaigns of one side found, taken together.
+    """The findings of the campaigns of one side, taken together.
 
     Attributes:
         campaigns: their ids, one for each seed.
@@ -128,8 +128,8 @@ class Comparison(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         difference: None before both have completed an episode.
-        pairs: None where episodes are not paired.
-        unpaired_because: why not, in words; empty where they are.
+        pairs: None if episodes are not paired.
+        unpaired_because: why not, in words; empty if they are.
         effect: None with so few campaigns that even full separation could be chance.
         distinctions: settings in which the sides differ.
         sentences: summary of the comparison, one sentence per finding.
@@ -209,7 +209,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
-    """What a failure cost with one method, over all its campaigns among some peers.
+    """The cost of a failure with one method, over all its campaigns among some peers.
 
     Attributes:
         campaigns: how many were pooled.
@@ -217,7 +217,7 @@ class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
         failure_rate: over the episodes of all of them; None before the first one.
         cost: total cost ÷ failures. Its interval is that of the failure rate where episodes are
             drawn from p(x); of a search it is across seeds, and there is none unless `seeds`.
-        seeds: number of seeds across which the interval holds; 0 where it does not rest on seeds.
+        seeds: number of seeds across which the interval holds; 0 if it does not rest on seeds.
     """
 
     method: str

@@ -269,7 +269,7 @@ class Conversion:
         return z
 
     def _get_scales(self, sigma: Row) -> Row:
-        """What u_t is multiplied by: 1 where sigma holds the probability of an event."""
+        """The factor of u_t: 1 if sigma holds the probability of an event."""
         if not self._rated:
             return sigma
         return tuple([1.0 if way in self._rated else each for way, each in enumerate(sigma)])
@@ -363,7 +363,7 @@ class ChannelLikelihood(msgspec.Struct, frozen=True):
     Attributes:
         name: of the channel.
         log_probability: its part in log p, in the unit of the channel, or of an event the log
-            probability of what happened. null where what was recorded has no density.
+            probability of what happened. null if what was recorded has no density.
         relative: -1/2 of the sum of z²: log density of its z less that of z = 0, the most likely
             one, whatever unit and shape the channel has; null as above.
     """

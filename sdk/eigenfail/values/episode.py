@@ -93,7 +93,7 @@ class EpisodeTask(msgspec.Struct, frozen=True, eq=False, gc=False):
 
 
 class EpisodeSetup(msgspec.Struct, frozen=True):
-    """What all episodes of a campaign share, by plug-in names and their settings.
+    """The setup that all episodes of a campaign share: names of plug-ins, and their settings.
 
     Attributes:
         requirements: what an episode must satisfy; where they are absent, no collision.
@@ -112,7 +112,7 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
     importance: AnyRequirement | msgspec.UnsetType = msgspec.UNSET
 
     def make_judge(self) -> EpisodeJudge | None:
-        """Return what judges the episodes; None where only no collision is required."""
+        """Return what judges the episodes; None if only no collision is required."""
         if isinstance(self.requirements, msgspec.UnsetType):
             return None
         followed = self.importance
@@ -129,7 +129,7 @@ class Outcome(StrEnum):
     """How an episode ended.
 
     A violation is a failure without a collision: the episode violates another requirement of its
-    campaign. A collision that violates none, where none forbids it, counts as safe.
+    campaign. A collision that violates none, if none forbids it, counts as safe.
 
     An episode that errored could not be completed, which says nothing about the ego. "failed" is
     only its stored and sent spelling: people read `word`, and "errored" is accepted wherever an
@@ -187,7 +187,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
         importance: importance after each step, shape (steps,), where its source asks for it.
         scene: the full trajectories, for failures and a sample of the others.
         requirements: robustness of each requirement of its campaign, in its unit and in their
-            order; empty where only no collision is required.
+            order; empty if only no collision is required.
         wall_s: time the worker spent on the episode; not part of the digest.
         source: kind of its disturbance source: prior, trajectory or policy.
     """
@@ -213,7 +213,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
 
     @property
     def believed_wall_s(self) -> float:
-        """Time the worker spent on the episode; 0 where it reports what no episode takes. [s]"""
+        """Time the worker spent on the episode; 0 if it reports what no episode takes. [s]"""
         return self.wall_s if 0.0 <= self.wall_s <= MAX_WALL_S else 0.0
 
     def digest(self) -> str:
@@ -221,7 +221,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
 
         It covers the outcome, steps, noise and measures; not the index, the source or the time.
         Requirements that are named add to it.
-        A shape adds to it where there is noise that does not follow from z and sigma alone.
+        A shape adds to it if there is noise that does not follow from z and sigma alone.
         """
         measures = self.measures or Measures(float("nan"))
         parts = (self.outcome.encode(), struct.pack("<q", self.steps), measures.packed())

@@ -38,9 +38,9 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
         by: how it was found: "subset simulation", "mixture sampling", "importance sampling" or
             "Monte Carlo".
         episodes: how many it rests on.
-        probability: None where no honest estimate exists; `problem` then says why.
+        probability: None if no honest estimate exists; `problem` then says why.
         bound: "lower" where `probability` is only a lower bound, which `note` explains; None
-            where it is an estimate of the probability itself.
+            if it is an estimate of the probability itself.
         cv: coefficient of variation: standard error ÷ probability. Of a lower bound it is the
             random error of the bound, not the distance from the true probability.
         interval: interval of 95 %; None of a lower bound.
@@ -99,9 +99,9 @@ class Rate(msgspec.Struct, frozen=True):
     Attributes:
         k: number of events among the completed episodes.
         n: number of completed episodes.
-        value: the estimate; None where there is none without bias, as with the stop rule
+        value: the estimate; None if there is none without bias, as with the stop rule
             `failures = 1`.
-        interval: 95 % interval, as the design says; one-sided for 0 and for n of n. None where the
+        interval: 95 % interval, as the design says; one-sided for 0 and for n of n. None if the
             n are no random sample.
         sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
             them, so that their share estimates no probability, and has no interval.
@@ -136,7 +136,7 @@ class Rate(msgspec.Struct, frozen=True):
 
 
 class Cost(msgspec.Struct, frozen=True):
-    """What a campaign cost.
+    """The cost of a campaign.
 
     Attributes:
         total_usd: price per instance-hour × instance-hours.
@@ -158,7 +158,7 @@ class ProjectionMixing(msgspec.Struct, frozen=True):
 
     Attributes:
         name: what the number is.
-        r_hat: rank-normalized split R-hat; 1 where all chains have the same distribution, at most
+        r_hat: rank-normalized split R-hat; 1 if all chains have the same distribution, at most
             99.
         effective: bulk effective sample size: number of independent samples whose mean is known as
             precisely.

@@ -12,7 +12,7 @@ MOST_SEVERE_FIRST = FAILURE_ORDERS[0]
 
 
 class FailureFilter(msgspec.Struct, frozen=True):
-    """What a failure must be; None where anything will do.
+    """The conditions on a failure; None if anything will do.
 
     Attributes:
         campaign: what its campaign must be.
@@ -26,7 +26,7 @@ class FailureFilter(msgspec.Struct, frozen=True):
 
 
 class FailureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Parameters of the list of the failures of all campaigns; None where anything will do.
+    """Parameters of the list of the failures of all campaigns; None if anything will do.
 
     Attributes:
         project: project of the campaigns.

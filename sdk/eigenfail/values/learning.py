@@ -1,4 +1,4 @@
-"""What passes between a method's learner and those who run its episodes."""
+"""Values that pass between a method's learner and the runners of its episodes."""
 
 from math import ceil
 from typing import Any
@@ -88,7 +88,7 @@ class Predecessor(msgspec.Struct, frozen=True, eq=False):
 
 
 class Experience(msgspec.Struct, frozen=True, eq=False):
-    """What episodes of earlier campaigns taught: noise and robustness.
+    """The experience from episodes of earlier campaigns: noise and robustness.
 
     Attributes:
         z: noise trajectories, zero behind an episode's end, shape (n, horizon, channels). [sigma]
@@ -118,7 +118,7 @@ def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int
     """Return how many rounds to keep open besides the oldest one.
 
     Args:
-        parallel: episodes that are to run at a time; None where the campaign does not say.
+        parallel: episodes that are to run at a time; None if the campaign does not say.
         round_size: episodes in a round.
         least: what the method takes by itself.
     """
@@ -155,7 +155,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         trajectories: noise trajectories z to start from, shape (n, horizon, channels); n may be 0.
         predecessors: learners of earlier campaigns that the settings name.
         experience: experience of earlier campaigns that the settings name; None if they name none.
-        parallel: episodes that the campaign wants to run at a time; None where it does not say.
+        parallel: episodes that the campaign wants to run at a time; None if it does not say.
         seeds: seed of the episode that each trajectory comes from, where a replay is to have it.
     """
 
@@ -203,7 +203,7 @@ class RoundSizes(msgspec.Struct, frozen=True):
         later: episodes of the largest one after that.
         setting: name of the setting that makes them smaller.
         width: episodes that can be open at a time for most of a campaign, however many rounds are:
-            for chains, which wait for their own moves, their number; None where nothing limits it.
+            for chains, which wait for their own moves, their number; None if nothing limits it.
     """
 
     first: int

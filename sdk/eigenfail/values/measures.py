@@ -68,7 +68,7 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
-    """The measures behind those of `Measures`; None where a measure does not apply.
+    """The measures behind those of `Measures`; None if a measure does not apply.
 
     Times are in seconds from the start. Violations are those of the vehicle that was struck or,
     without a collision, the earliest of any vehicle.
@@ -95,7 +95,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             unit="s",
             words="when DRAC first exceeded 7 m/s²",
             formula="when DRAC was first above 7.0 m/s²; empty if never",
-            source="threshold: paper, whatever the ego's brakes can do",
+            source="threshold: paper; the same for all brakes",
             event="DRAC above 7 m/s²",
         ),
     ] = None
@@ -138,7 +138,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             label="largest jerk",
             unit="m/s³",
             words="largest jerk",
-            formula="largest |a_t − a_{t−1}| ÷ dt of the applied acceleration; before, a = 0",
+            formula="largest |a_t − a_{t−1}| ÷ dt of the applied acceleration, with a_0 = 0",
         ),
     ] = None
     hard_brakings: Annotated[

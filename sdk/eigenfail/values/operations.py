@@ -182,7 +182,7 @@ DRAWN_AGAIN: Final = "prior"
 
 
 class Retention(msgspec.Struct, frozen=True):
-    """What stays of a campaign: its rows, all failures, and every N-th other episode.
+    """The part of a campaign that stays: its rows, all failures, and every N-th other episode.
 
     Attributes:
         keep_every: an episode whose index is a multiple of this keeps noise and scene.
@@ -237,7 +237,7 @@ class Pruning(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PrunedCampaign(msgspec.Struct, frozen=True):
-    """What went, or would go, of one campaign."""
+    """The part of one campaign that went, or would go."""
 
     campaign: int
     name: str
@@ -245,7 +245,7 @@ class PrunedCampaign(msgspec.Struct, frozen=True):
 
 
 class PruneReport(msgspec.Struct, frozen=True):
-    """What a command took away, or would take away.
+    """The data that a command took away, or would take away.
 
     Attributes:
         database: its address, without secrets.

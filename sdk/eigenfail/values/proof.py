@@ -69,7 +69,7 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         scenario_parameters: parameters that differ from those of the scenario in which the failures
-            happened; none: the same scenario. Where the analysed campaign's parameters vary, the
+            happened; none: the same scenario. If the analysed campaign's parameters vary, the
             scenario of a mode, and of its eigenfailure, is the one that its medoid drew, and there
             is an entry for each scenario that medoids drew.
         drawn: values that the medoids of its modes drew, for the parameters that vary and are in
@@ -186,11 +186,11 @@ class ExplainedStep(msgspec.Struct, frozen=True):
         account: what it says; empty for a planner that explains nothing.
         disturbance: a_t / sigma_t of this step, of each channel [sigma].
         gap_m: gap from the truck's front to the rear bumper of `vehicle` along the road, in truth;
-            None where nobody can say which vehicle the account is about, or it is not there.
+            None if nobody can say which vehicle the account is about, or it is not there.
         closing_mps: speed at which this gap closes, in truth.
         path: where the planner means to drive from here, the present position first; empty for a
             planner that reports none.
-        vehicle: number of the vehicle that the account is about; None where that is not known.
+        vehicle: number of the vehicle that the account is about; None if that is not known.
         ahead: number of the next vehicle ahead in the truck's path, or entering it, in truth.
     """
 
@@ -242,7 +242,7 @@ class Replayed(msgspec.Struct, frozen=True):
         differing: the versions under which it was run that are not those of now, where it is not
             the same; null if they are not known.
         unsteady: how a second replay differs from the first one, where the stack does not repeat
-            itself; null where they are the same, or there was no second one.
+            itself; null if they are the same, or there was no second one.
     """
 
     index: int

@@ -43,7 +43,7 @@ UNRESOLVED = "unresolved at the horizon"
 
 
 class Assessment(msgspec.Struct, frozen=True):
-    """What an episode was.
+    """The class of an episode.
 
     Attributes:
         conflict: its class; None if it was not run, or ended in a collision that was stored
@@ -151,7 +151,7 @@ class Delivery(msgspec.Struct, frozen=True, eq=False):
 
 
 class Verdict(StrEnum):
-    """What became of a delivered result.
+    """The fate of a delivered result.
 
     `kept`: it is the episode's one result. `duplicate`: the episode has the same result already.
     `alarm`: the episode has another result: something is not deterministic. `unwanted`: it was not
@@ -212,7 +212,7 @@ class EpisodeDetail(Shown, EpisodeResult, frozen=True, eq=False, kw_only=True):
     Attributes:
         channels: names of the channels of the noise, in the order of the columns of z.
         likelihoods: how likely the noise of each channel was; none of an episode without a step.
-        campaign: id of its campaign; None where an older service does not report it.
+        campaign: id of its campaign; None if an older service does not report it.
     """
 
     assessed: Assessment = Assessment()
@@ -269,9 +269,9 @@ class Totals(msgspec.Struct, frozen=True):
     """Sums over the failures of a campaign, from which its summary is made.
 
     Attributes:
-        severity: None where no failure has one.
+        severity: None if no failure has one.
         conflicts: over all completed episodes.
-        fault: fault of the errored episodes; None where none errored.
+        fault: fault of the errored episodes; None if none errored.
         first_failure: smallest index of a collision; None without one.
     """
 
@@ -294,7 +294,7 @@ class Failures(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         indices: the episodes, in index order.
         noise: z of each, shape (steps of the episode, channels). [sigma]
-        seeds: seed of each; empty where they do not matter.
+        seeds: seed of each; empty if they do not matter.
     """
 
     indices: tuple[int, ...]
@@ -311,7 +311,7 @@ class FailureCourse(msgspec.Struct, frozen=True, eq=False):
         speed_mps: speed of the ego at the start and after each step, shape (steps + 1,).
         end: x [m], y [m], heading [rad] and speed [m/s] of all vehicles before and after the last
             step, shape (2, vehicles, 4), or (1, vehicles, 4) without a step; vehicle 0 is the ego.
-            NaN while a vehicle is not there. None where they are not known.
+            NaN while a vehicle is not there. None if they are not known.
         sizes: length and width [m] of all vehicles, shape (vehicles, 2); None without `end`.
     """
 
@@ -328,7 +328,7 @@ def make_failure_course(index: int, dt_s: float, vehicles: Floats, sizes: Floats
 
 
 class JobKind(StrEnum):
-    """What a job works on; its subject is an id of that kind."""
+    """The subject of a job; its subject is an id of that kind."""
 
     CAMPAIGN = "campaign"
     ANALYSIS = "analysis"
@@ -351,7 +351,7 @@ class Page(msgspec.Struct, Generic[Item], frozen=True):
     """Some items, and the cursor that asks for those behind them (None at the end).
 
     Attributes:
-        total: number of items that match the request, on all pages together; absent where the
+        total: number of items that match the request, on all pages together; absent if the
             request did not ask for it.
     """
 

@@ -12,7 +12,7 @@ from eigenfail.values.triage import TriageState
 
 
 class ModeStatus(StrEnum):
-    """What became of a failure mode in a version of a planner.
+    """The fate of a failure mode in a version of a planner.
 
     `FIRST_SEEN`: it has failures, and no earlier version has one. `STILL_THERE`: it has failures,
     as before. `NOT_FOUND_AGAIN`: earlier versions have failures of it, and in a random sample this
@@ -37,7 +37,7 @@ class ModeSighting(msgspec.Struct, frozen=True, kw_only=True):
         status: what became of the mode; None in versions before the one that it was found in.
         failures: number of failures that belong to it.
         chance: probability that versions without a difference differ at least so much, for all
-            modes that are compared together; None where nothing is compared.
+            modes that are compared together; None if nothing is compared.
         analysis: id of the analysis that has most of these failures; None without failures.
         mode: number of the mode in that analysis; None without failures.
         words: why the status is what it is, in a sentence.
@@ -63,7 +63,7 @@ class ReleaseMode(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         number: its number among the modes of all versions, from 1.
         name: name of the mode in the newest version that has failures of it; with analysis and mode
-            where several modes have this name.
+            if several modes have this name.
         sightings: what became of it, by version, oldest first.
         state: state of the triage of the mode in that version.
     """
@@ -76,7 +76,7 @@ class ReleaseMode(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def newest(self) -> ModeSighting:
-        """What became of it in the newest version."""
+        """Its fate in the newest version."""
         return self.sightings[-1]
 
 
@@ -95,7 +95,7 @@ class Release(msgspec.Struct, frozen=True, kw_only=True):
             be told from chance.
         fingerprints: the code that ran the episodes, as SHA-256 by package; several where the
             campaigns of this version did not have the same code.
-        problem: why its failure modes are not compared; empty where they are.
+        problem: why its failure modes are not compared; empty if they are.
     """
 
     version: str
@@ -170,7 +170,7 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def title(self) -> str:
-        """The heading of its modes, which are groups where no version has distinct ones."""
+        """The heading of its modes, which are groups if no version has distinct ones."""
         analysed = [each for each in self.releases if each.analysed]
         has_modes = not analysed or any(each.is_distinct for each in analysed)
         return "Failure modes" if has_modes else "Groups of failures"

@@ -1,7 +1,7 @@
 """Requirements: what a drive must satisfy, and how robustly it does.
 
 A requirement is a frozen struct that TOML and JSON name by its `kind`. It gives a robustness to the
-course of an episode: above 0 where the episode satisfies it, 0 or below where it violates it. A
+course of an episode: above 0 if the episode satisfies it, 0 or below where it violates it. A
 campaign has a list of them, the most important first; one that names none requires no collision.
 """
 
@@ -35,7 +35,7 @@ class Requirement(
     """Base of all requirements.
 
     Attributes:
-        name: name in tables and filters; its kind where none is given.
+        name: name in tables and filters; its kind if none is given.
         scale: robustness that counts as much as a metre of distance to other vehicles, in the unit
             of this requirement: searches follow the smallest of robustness ÷ scale.
     """
@@ -45,7 +45,7 @@ class Requirement(
 
     @property
     def kind(self) -> str:
-        """What TOML and JSON name it by."""
+        """Its name in TOML and JSON."""
         return str(self.__struct_config__.tag)
 
     @property
@@ -422,13 +422,13 @@ def check_requirements(requirements: Sequence[AnyRequirement], expected: Expecte
 
 
 class RequirementVerdict(NamedTuple):
-    """What the requirements of a campaign say of an episode.
+    """The verdict of a campaign's requirements on an episode.
 
     Attributes:
         values: robustness of each requirement, in its unit; None of one that is not judged.
         smallest: smallest of robustness ÷ scale, or what the importance makes of a safe episode; 0
-            where a requirement is violated; where nothing is judged, 1 m more than the smallest
-            distance to another vehicle, which is no statement on a requirement.
+            if a requirement is violated; if nothing is judged, 1 m more than the smallest
+            distance to another vehicle, which is not a statement on a requirement.
         violated: place of the first requirement that is violated, from 0; None if none is.
     """
 

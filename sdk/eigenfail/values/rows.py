@@ -57,7 +57,7 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
         start: begins an iteration that asks for no more than so many rows; None: `fetch` does.
         count: returns the number of rows; None: they are counted one by one.
         backwards: begins an iteration from the last row towards the first that asks for no more
-            than so many rows; None where the list cannot be read so.
+            than so many rows; None if the list cannot be read so.
         of: the class of its rows, or the names of their fields where they are dicts; None: not
             known. An empty list has the columns of a table, too.
     """
@@ -121,7 +121,7 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
         return sum(1 for _ in self) if self._count is None else self._count()
 
     def first(self, n: int = SHOWN) -> tuple[Row, ...]:
-        """The first n rows, or all where there are fewer."""
+        """The first n rows, or all if there are fewer."""
         return tuple(islice(self._begin(n), n))
 
     def __repr__(self) -> str:
@@ -138,7 +138,7 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
         return rows[0]
 
     def _take_last(self, n: int) -> tuple[Row, ...]:
-        """The last n rows in their order, or all where there are fewer."""
+        """The last n rows in their order, or all if there are fewer."""
         if self._backwards is None:
             return tuple(deque(self, n))
         return tuple(islice(self._backwards(n), n))[::-1]

@@ -39,7 +39,7 @@ class FailurePoint(msgspec.Struct, frozen=True):
         index: index of the episode.
         log_probability_per_step: sum of log p over its steps ÷ steps.
         severity: [m²/s²].
-        conflict: its class; None where too little was measured.
+        conflict: its class; None if too little was measured.
     """
 
     index: int
@@ -137,7 +137,7 @@ class RequirementFigures(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Figure(msgspec.Struct, frozen=True):
-    """A number with its 95 % interval; the interval is None where too little is known for one."""
+    """A number with its 95 % interval; the interval is None if too little is known for one."""
 
     value: float
     interval: Interval | None = None
@@ -152,7 +152,7 @@ class SeverityRisk(msgspec.Struct, frozen=True, kw_only=True):
         beyond: how many of them the level leaves above VaR: n · (1 − level).
         mean: None without a failure.
         var: value at risk: the smallest severity that a share `level` of the failures does not
-            exceed; None where too few are beyond it.
+            exceed; None if too few are beyond it.
         cvar: conditional value at risk: the mean of the worst share 1 − level; None with `var`.
         problem: why a number or an interval is missing, and what to do; empty otherwise.
     """
@@ -171,9 +171,9 @@ class Scatter(msgspec.Struct, frozen=True):
 
     Attributes:
         points: points in the order of the episodes.
-        of: how many failures they stand for; where there are more than points, every k-th is shown.
-        rank_correlation: Spearman's ρ over the points: below 0 where the severe are the rarer;
-            None over fewer than ten points, or where one axis does not vary.
+        of: how many failures they stand for; if there are more than points, every k-th is shown.
+        rank_correlation: Spearman's ρ over the points: below 0 if the severe are the rarer;
+            None over fewer than ten points, or if one axis does not vary.
     """
 
     points: tuple[FailurePoint, ...]
@@ -197,7 +197,7 @@ class Safety(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
         severity: severity of the failures [m²/s²], each counted once, however likely it is under
             p(x).
         scatter: likelihood against severity of the failures.
-        requirements: of each requirement that the campaign names, in their order; none where only
+        requirements: of each requirement that the campaign names, in their order; none if only
             no collision is required.
         notes: what the numbers cannot know.
     """

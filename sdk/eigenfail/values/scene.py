@@ -1,4 +1,4 @@
-"""What the simulator shows: vehicles at one moment, and the whole course of an episode."""
+"""The output of a simulator: vehicles at one moment, and the whole course of an episode."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -43,7 +43,7 @@ class VehicleState(msgspec.Struct, frozen=True, gc=False):
 
 
 class Control(msgspec.Struct, frozen=True, gc=False):
-    """What a planner returns."""
+    """The answer of a planner."""
 
     acceleration_mps2: float
     steering_rad: float
@@ -104,17 +104,17 @@ class Observation(msgspec.Struct, frozen=True):
         collided: whether the simulator's own test saw the ego touch another vehicle.
         ended: whether the episode is over, by a collision or at its horizon.
         perceived: position at which the ego saw the nearest vehicle in the step just taken [m]; NaN
-            where that was missed.
+            if that was missed.
         control: what the planner asked for in the step just taken.
         applied: the part of it that the truck could do; None if the simulator does not report it.
         off_road: whether the ego is beyond the edge or the end of its road.
         lane: where the ego is in its lane; None if the simulator does not tell.
-        ids: number of each other vehicle, from 1, which it keeps for the whole episode; None where
+        ids: number of each other vehicle, from 1, which it keeps for the whole episode; None if
             all of them are there throughout, in the same order.
         signals: signals of the simulator's own, by name; None without any.
         cause: cause of the collision, where the scenario names one; None without a collision.
         frames: the truth at equally spaced moments within the step just taken, each as complete as
-            this one; empty where the simulator shows the end of a step alone.
+            this one; empty if the simulator shows the end of a step alone.
         peak_braking_mps2: deceleration that the ego's brakes can do, at the start alone; None if
             the simulator does not tell.
     """
@@ -150,11 +150,11 @@ class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
             vehicle 0 is the ego. NaN while a vehicle is not there.
         sizes: length and width [m], shape (vehicles, 2).
         perceived: position at which the ego saw the nearest vehicle [m], shape (steps, 2); NaN
-            where that was missed.
+            if that was missed.
         controls: acceleration [m/s²] and steering [rad], shape (steps, 2).
-        road: borders of the lanes, each of shape (points, 2) [m]; absent where the simulator does
+        road: borders of the lanes, each of shape (points, 2) [m]; absent if the simulator does
             not show them.
-        kinds: one of `VEHICLE_KINDS` for each vehicle; absent where the simulator tells none.
+        kinds: one of `VEHICLE_KINDS` for each vehicle; absent if the simulator tells none.
     """
 
     dt_s: float

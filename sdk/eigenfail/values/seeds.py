@@ -14,7 +14,7 @@ class SeedFigure(msgspec.Struct, frozen=True, kw_only=True):
         deviation: standard deviation between seeds (n − 1); None with one value.
         least: smallest value.
         most: largest value.
-        interval: Student's 95 % interval of the mean, with n − 1 degrees of freedom, cut where no
+        interval: Student's 95 % interval of the mean, with n − 1 degrees of freedom, cut if no
             mean can be; None with one value, and where all values are equal: they show no spread.
     """
 
@@ -44,9 +44,9 @@ class FirstFailures(msgspec.Struct, frozen=True, kw_only=True):
     """Number of episodes up to the first failure of each seed, that one included.
 
     Attributes:
-        median: over all seeds, those without a failure behind all others; None where it is one of
+        median: over all seeds, those without a failure behind all others; None if it is one of
             these.
-        worst: the largest; None where a seed has no failure.
+        worst: the largest; None if a seed has no failure.
         worst_seed: the seed of the largest one, or of the longest campaign without a failure.
         without: number of seeds without a failure.
         within: number of episodes that the worst seed completed.
@@ -66,7 +66,7 @@ class SeedSpread(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: the settings that distinguish this group from others that it was found with; its
-            method where there are no others.
+            method if there are no others.
         campaigns: ids in the order of their seeds, of campaigns with a completed episode.
         seeds: seeds of these campaigns, each once.
         completed: episodes of all of them.
@@ -76,8 +76,8 @@ class SeedSpread(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
         log_probability_per_step: log-probability per step of the failures, over seeds with one.
         mean_severity: mean severity of the failures, over seeds with one [m²/s²].
         first: number of episodes up to the first failure.
-        cost: total price ÷ all failures, with its interval across seeds. Where that is open above,
-            there is only the lower bound; likewise where no seed has a failure.
+        cost: total price ÷ all failures, with its interval across seeds. If that is open above,
+            there is only the lower bound; likewise if no seed has a failure.
         notes: limitations of these figures, as sentences.
         pooled: failure rate of all episodes together, if all of them were drawn from p(x): their
             mean over seeds has a wider interval, or none; None of a search.

@@ -218,7 +218,7 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
 
     @property
     def growth_per_m(self) -> float:
-        """By how much the rate grows with each metre of distance; 0 where it is constant."""
+        """By how much the rate grows with each metre of distance; 0 if it is constant."""
         return 0.0 if isinstance(self.rate_per_m, msgspec.UnsetType) else self.rate_per_m
 
     def step(self, z: Row, before: Row | None, sigma: Row) -> Row:

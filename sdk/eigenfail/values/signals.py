@@ -44,7 +44,7 @@ class SignalDescription(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         unit: empty for none.
         words: description without the unit.
-        absent: value where the quantity has none; None where it always has one.
+        absent: value where the quantity has none; None if it always has one.
         needs_lane: whether it needs the lane of the ego, which not every simulator tells.
     """
 
@@ -123,7 +123,7 @@ def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...
 
 
 def read_signal_names(planner: object) -> tuple[str, ...]:
-    """Return the names of the signals of a planner or its class; none where it reports none.
+    """Return the names of the signals of a planner or its class; none if it reports none.
 
     Raises:
         InvalidValue: its `signal_names` is not a tuple of names.
@@ -144,7 +144,7 @@ def is_signal_value(value: object) -> TypeGuard[float]:
 
 
 class ExpectedCourse(NamedTuple):
-    """What all episodes of a campaign will show.
+    """The signals that all episodes of a campaign will show.
 
     Attributes:
         signals: names of the signals that are told.

@@ -33,7 +33,7 @@ def suite_of(name: str) -> str | None:
 
 
 def member_of(name: str) -> str:
-    """What a campaign that belongs to a suite is called in it."""
+    """The name of a campaign in its suite."""
     return name.partition(SEPARATOR)[2]
 
 

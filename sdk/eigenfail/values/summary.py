@@ -1,4 +1,4 @@
-"""What a campaign came to: the row of a result table."""
+"""The result of a campaign: the row of a result table."""
 
 import msgspec
 
@@ -51,7 +51,7 @@ class Unresolved(msgspec.Struct, frozen=True):
     Attributes:
         count: how many; none of them is a failure.
         horizon_s: how long an episode without a collision lasts, the longest where that varies [s];
-            None where steps have no duration, or the scenario is not known here.
+            None if steps have no duration, or the scenario is not known here.
     """
 
     count: int = 0
@@ -125,12 +125,12 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
         mean_severity: mean severity of the failures [m²/s²].
-        estimate: estimate of the failure probability under p(x); None where the method gives none,
+        estimate: estimate of the failure probability under p(x); None if the method gives none,
             or none yet.
         unresolved: episodes that are no failures only because they ended.
         errored: episodes that could not be completed, with their most frequent reason.
         reach: reach of a campaign that ended without a failure: which disturbances its method
-            cannot choose, and what to do; empty where the method can choose any.
+            cannot choose, and what to do; empty if the method can choose any.
         rate_note: how the failure rate under p(x) is estimated where a stop rule judged failures;
             empty for other campaigns.
         first_failure: index of the first episode that failed; None without one.
@@ -243,7 +243,7 @@ class EpisodeSample(msgspec.Struct, frozen=True):
     """An episode that was completed, and how near it came.
 
     Attributes:
-        robustness_m: None where it was not measured. [m]
+        robustness_m: None if it was not measured. [m]
     """
 
     index: int
@@ -292,7 +292,7 @@ class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
         active_s: time during which the campaign had been running.
         completed: episodes.
         failures: failures among them.
-        modes: distinct modes of which a failure was among them; None where none are known.
+        modes: distinct modes of which a failure was among them; None if none are known.
     """
 
     usd: float
@@ -340,8 +340,8 @@ class CampaignCost(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
         failures: failures among them.
         cost: cost, total and per failure, with its interval or lower bound.
         analysis: the newest of this campaign that is done; None without one.
-        modes: distinct modes that it has failures of; None where none are known.
-        per_mode_usd: total ÷ modes; None where none are known.
+        modes: distinct modes that it has failures of; None if none are known.
+        per_mode_usd: total ÷ modes; None if none are known.
         modes_in_words: how many there are and why, or why they are not known.
         curve: curve from nothing spent to everything, in order of time.
         time: what the time went into.

@@ -10,7 +10,7 @@ Steps before the start and behind the end of a course do not count. An operator 
 window holds no step is not judged there: its robustness is NaN. What is not judged carries on as in
 Kleene's logic: `and` is violated if a part is violated, `or` is satisfied if a part is satisfied,
 and otherwise neither is judged; `not` of it is not judged. An operator on time leaves out the steps
-at which its part is not judged, and is not judged where none is left.
+at which its part is not judged, and is not judged if none is left.
 
     formula      = disjunction [ "implies" formula ]
     disjunction  = conjunction { "or" conjunction }
@@ -137,14 +137,14 @@ class Combination(Node):
 
 
 def find_smaller(one: Samples, other: Samples) -> Samples:
-    """Return the robustness of `and`: NaN where a part is not judged and none is violated."""
+    """Return the robustness of `and`: NaN if a part is not judged and none is violated."""
     # A part that is violated settles `and`, whatever the part that is not judged would say.
     judged = np.fmin(one, other)
     return np.where((np.isnan(one) | np.isnan(other)) & ~(judged <= 0.0), np.nan, judged)
 
 
 def find_larger(one: Samples, other: Samples) -> Samples:
-    """Return the robustness of `or`: NaN where a part is not judged and none is satisfied."""
+    """Return the robustness of `or`: NaN if a part is not judged and none is satisfied."""
     # A part that is satisfied settles `or`, as above.
     judged = np.fmax(one, other)
     return np.where((np.isnan(one) | np.isnan(other)) & ~(judged > 0.0), np.nan, judged)

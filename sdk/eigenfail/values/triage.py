@@ -44,7 +44,7 @@ class Triage(msgspec.Struct, frozen=True):
         ticket: address of its ticket, beginning with http:// or https://; empty without one.
         note: what was found out about it; empty without a note.
         changed_ms: when it was changed last; None if it never was. [ms since 1970]
-        changed_by: name of the key that changed it last; `loopback` or `network` where no key is
+        changed_by: name of the key that changed it last; `loopback` or `network` if no key is
             required.
     """
 
@@ -70,7 +70,7 @@ class TriageChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def change_triage(before: Triage, change: TriageChange, at_ms: int, who: str) -> Triage:
-    """Return the triage after a change; the same object where nothing is other than before."""
+    """Return the triage after a change; the same object if nothing is other than before."""
     after = msgspec.structs.replace(
         before,
         state=before.state if change.state is None else change.state,

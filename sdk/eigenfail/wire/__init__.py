@@ -1,1 +1,1 @@
-"""What hub, workers and learners say to each other."""
+"""Messages between hub, workers and learners."""

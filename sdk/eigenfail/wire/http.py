@@ -221,7 +221,7 @@ def decode(data: bytes, kind: type[Kind]) -> Kind:
     """Return the value in the JSON of an answer.
 
     Raises:
-        ProtocolError: the answer is no value of this kind.
+        ProtocolError: the answer is not a value of this kind.
     """
     try:
         return msgspec.json.decode(data, type=kind, dec_hook=decode_array)

@@ -116,8 +116,8 @@ class Aligned(NamedTuple):
         alignment: how they were put there.
         columns: those of z that are analysed.
         channels: the names of all columns of z.
-        motion: what the ego did in these failures, among others; None where it is not known.
-        step_s: duration of a step; None where it has none, or is not known. [s]
+        motion: what the ego did in these failures, among others; None if it is not known.
+        step_s: duration of a step; None if it has none, or is not known. [s]
     """
 
     campaigns: NDArray[np.int64]
@@ -214,7 +214,7 @@ def check_noise(z: Floats, index: int, horizon: int, channels: int) -> None:
 
 
 def explain_no_failures() -> InvalidValue:
-    """The refusal where there is no failure."""
+    """The refusal if there is no failure."""
     return InvalidValue(
         "failures",
         "there is none to analyse.",
@@ -376,7 +376,7 @@ def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> 
     Args:
         influence: shape (steps, channels), in the alignment of the failures.
         failures: those that were analysed.
-        step_s: duration of a step; None where it has none. [s]
+        step_s: duration of a step; None if it has none. [s]
     """
     steps = median_steps(failures.steps.tolist())
     place = failures.alignment.place(steps, failures.horizon)
@@ -412,7 +412,7 @@ def measure_before_collision(
     Args:
         influence: shape (horizon, channels), its last row that of the step before the collision.
         steps: how many of the last rows count as the time before the collision.
-        step_s: duration of a step; None where it has none: there are no seconds then. [s]
+        step_s: duration of a step; None if it has none: there are no seconds then. [s]
         channels: the names of the columns.
     """
     if step_s is None:

@@ -2,7 +2,7 @@
 
 Noise by itself shows causes badly: what decides lies seconds before the impact among steps that
 decide nothing, and noise of opposite signs may do the same, so that it has no mean. What the ego
-does before a collision follows from the cause, and has little noise of its own. Where it does the
+does before a collision follows from the cause, and has little noise of its own. If it does the
 same before collisions with different vehicles, these tell causes apart.
 """
 
@@ -66,7 +66,7 @@ SLIGHT_MPS2 = 2.0
 def read_motion(courses: Iterable[tuple[int, FailureCourse]], origin: Origin) -> Motion | None:
     """Return the motion in failures, from the course of each and the id of its campaign.
 
-    None where there is none, or where steps have different durations.
+    None if there is none, or if steps have different durations.
     """
     found: dict[tuple[int, int], Floats] = {}
     contacts: dict[tuple[int, int], Contact] = {}
@@ -88,8 +88,8 @@ def read_motion(courses: Iterable[tuple[int, FailureCourse]], origin: Origin) ->
 def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
     """Return the acceleration of the ego in each failure, shape (failures, steps). [m/s²]
 
-    The last `WINDOW_S` before the collision, or all steps from the start. Where a failure has no
-    step, its acceleration is 0. None where the motion in a failure is not known, or does not fit
+    The last `WINDOW_S` before the collision, or all steps from the start. If a failure has no
+    step, its acceleration is 0. None if the motion in a failure is not known, or does not fit
     its noise.
     """
     steps = failures.horizon
@@ -167,7 +167,7 @@ class GroupingFeatures(NamedTuple):
     def describe(
         self, space: "ComponentSpace", labels: NDArray[np.intp], order: NDArray[np.intp]
     ) -> Behaviour | None:
-        """Return what the ego did in each mode; None where failures are not grouped by that.
+        """Return what the ego did in each mode; None if failures are not grouped by that.
 
         Args:
             space: principal components of the data.
@@ -239,7 +239,7 @@ def smooth_accelerations(accelerations: Floats, step_s: float) -> Floats:
 def compute_energy(failures: Aligned, step_s: float) -> Floats:
     """Return Σ (z² − 1) over windows of `ENERGY_S`, shape (failures, windows · columns).
 
-    z² has the mean 1 under p(x). Steps that a failure does not reach count as nothing. Where
+    z² has the mean 1 under p(x). Steps that a failure does not reach count as nothing. If
     failures are aligned at the collision, windows end there.
 
     Args:

@@ -125,8 +125,8 @@ class KnownModes(NamedTuple):
     """The distinct modes of a campaign's newest analysis.
 
     Attributes:
-        analysis: its id; None where there is none that is done.
-        found_ms: when the first failure of each mode was stored; None where none are known.
+        analysis: its id; None if there is none that is done.
+        found_ms: when the first failure of each mode was stored; None if none are known.
         words: how many there are and why, or why they are not known.
     """
 
@@ -208,7 +208,7 @@ def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
 def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
     """The active time at which each result was stored, of results in that order. [s]
 
-    The clock went on while the campaign was paused. Where the gaps between results sum to more
+    The clock went on while the campaign was paused. If the gaps between results sum to more
     than the time that was billed, the longest are cut to one length at which they sum to just it.
     """
     start_ms = campaign.started_ms if campaign.started_ms is not None else campaign.created_ms
@@ -226,7 +226,7 @@ def has_unbilled_time(campaign: Campaign, at_ms: Sequence[int]) -> bool:
 
 
 def _find_longest_gap(gaps_s: Sequence[float], total_s: float) -> float:
-    """The length c at which Σ min(gap, c) is the total; infinite where the gaps sum to no more."""
+    """The length c at which Σ min(gap, c) is the total; infinite if the gaps sum to no more."""
     left_s, ordered = total_s, sorted(gaps_s)
     for place, gap_s in enumerate(ordered):
         share_s = left_s / (len(ordered) - place)

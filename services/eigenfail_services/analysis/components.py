@@ -149,7 +149,7 @@ QUANTILES = (0.1, 0.5, 0.9)
 class Spaces(NamedTuple):
     """The components of the noise, and of the features that failures are grouped by.
 
-    Where failures are grouped by their noise, both are one.
+    If failures are grouped by their noise, both are one.
     """
 
     noise: ComponentSpace

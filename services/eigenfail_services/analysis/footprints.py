@@ -25,7 +25,7 @@ MOVED_S = 1e-4
 
 
 class Contact(NamedTuple):
-    """What the ego collided with.
+    """The vehicle with which the ego collided.
 
     Attributes:
         struck: number of the vehicle that was struck.
@@ -42,7 +42,7 @@ def measure_clearances(scene: Scene) -> Array:
     Two rectangles that do not overlap are nearest at a corner of one of them.
 
     Returns:
-        Shape (steps + 1, vehicles - 1); 0 where they touch or overlap, and infinite while a vehicle
+        Shape (steps + 1, vehicles - 1); 0 if they touch or overlap, and infinite while a vehicle
         is not there. [m]
     """
     return _measure_clearances(scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64))
@@ -64,7 +64,7 @@ def measure_times_to_collision(scene: Scene) -> Array:
     or entering it.
 
     Returns:
-        Shape (steps + 1,); infinite where there is no conflict. [s]
+        Shape (steps + 1,); infinite if there is no conflict. [s]
     """
     vehicles, sizes = scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64)
     heading, speed = vehicles[..., 2], vehicles[..., 3]
@@ -120,7 +120,7 @@ def find_contact(end: Floats, sizes: Floats) -> Contact | None:
         sizes: length and width [m], shape (vehicles, 2).
 
     Returns:
-        None where no other vehicle is there at the end.
+        None if no other vehicle is there at the end.
     """
     vehicles, sizes_m = end.astype(np.float64), sizes.astype(np.float64)
     if not np.isfinite(vehicles[-1, 1:]).all(axis=1).any():

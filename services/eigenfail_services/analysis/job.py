@@ -71,7 +71,7 @@ def analyse_gathered(
         gathered: all failures of the campaigns; the intervals of training are of all of them.
         settings: settings of the analysis, which were checked; there are never more components or
             modes than the failures differ in.
-        step_s: duration of a step; None where it has none, or where failures do not end at a
+        step_s: duration of a step; None if it has none, or if failures do not end at a
             collision, to which times could be told. [s]
         episodes: how many of each campaign have ended, by its id.
         early: failures that `failures = "latest"` leaves out.

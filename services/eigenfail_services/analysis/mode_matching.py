@@ -52,7 +52,7 @@ class Sighting(NamedTuple):
     Attributes:
         status: what became of the mode; None before the release in which it was found.
         failures: number of failures that belong to it.
-        chance: probability of such a difference without a cause, for all modes together; None where
+        chance: probability of such a difference without a cause, for all modes together; None if
             nothing was compared.
         source: place, in the release's modes, of the one that has most of these failures; None
             without failures.
@@ -112,7 +112,7 @@ class _Known:
 def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[Sightings, ...]:
     """Return what became of each mode, by release, in the order in which the modes were found.
 
-    All modes of the first release are first seen in it. Where an earlier release has the same
+    All modes of the first release are first seen in it. If an earlier release has the same
     build, the newest of these is what changes are judged by: what it has, the planner still has.
 
     Args:
@@ -198,7 +198,7 @@ class _Comparison:
         region: mode_regions.ModeRegion,
         regions: Sequence[mode_regions.ModeRegion],
     ) -> NDArray[np.intp] | None:
-        """Return the mode of earlier releases of each failure; None where the mode is another.
+        """Return the mode of earlier releases of each failure; None if the mode is another.
 
         Args:
             points: failures of a mode of this release.
@@ -287,7 +287,7 @@ class _Comparison:
     def _test(self, failures: float, episodes: int, without: int) -> float:
         """Return the probability that all failures are on one side, if both have one rate.
 
-        Of two sides, one with so many episodes has the failures, and one has none; 1 where the
+        Of two sides, one with so many episodes has the failures, and one has none; 1 if the
         episodes are no random sample.
         """
         if not self._release.is_random or not episodes or not without:

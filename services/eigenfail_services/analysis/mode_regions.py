@@ -119,8 +119,8 @@ def separate_failures(
 ) -> list[FailureGroup]:
     """Return the failures of a release by what lies apart from each other, the most first.
 
-    The modes of an analysis are as many as its silhouette prefers: where there is one, it is often
-    divided, and where one is far from the others, these are often one.
+    The modes of an analysis are as many as its silhouette prefers: if there is one, it is often
+    divided, and if one is far from the others, these are often one.
 
     Args:
         clouds: points of each mode of the release.
@@ -198,7 +198,7 @@ def measure_spread(points: Points) -> float:
     """Return the distance of failures from the centres of bootstrap samples without them.
 
     Returns:
-        The quantile `INSIDE` over all bootstrap samples; not a number where there are fewer
+        The quantile `INSIDE` over all bootstrap samples; not a number if there are fewer
         failures than `FEWEST_FOR_RADIUS`. [m/s²]
     """
     if len(points) < FEWEST_FOR_RADIUS:

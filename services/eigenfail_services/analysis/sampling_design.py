@@ -126,7 +126,7 @@ def _bound_stopped(ends: StoppedTrials, found: Rate) -> Interval:
 def find_end(campaign: Campaign) -> StoppedTrials | None:
     """Return how the rule `failures` ended the episodes of a campaign so far.
 
-    None where that is not known: with a second rule that judges failures, rounds of unknown size,
+    None if that is not known: with a second rule that judges failures, rounds of unknown size,
     and of a campaign with enough failures whose end is still to come, or with errored episodes,
     which leave its rounds with fewer completed ones.
     """

@@ -1,6 +1,6 @@
 """How failures change during training (paper, figure of the disturbances), and mode collapse.
 
-Clustering finds groups in anything, even in pure noise. Clusters count as modes only where the
+Clustering finds groups in anything, even in pure noise. Clusters count as modes only if the
 analysis calls them distinct; otherwise all failures are one mode.
 """
 
@@ -131,7 +131,7 @@ def measure_spread(failures: Aligned) -> float | None:
     """How much the failures differ from each other in each step that at least two of them reach.
 
     Root mean square over these steps and all channels of the standard deviation (n − 1) of z;
-    None where there is no such step. [sigma]
+    None if there is no such step. [sigma]
     """
     reached = np.zeros((failures.horizon, 1))
     # In two passes, as the difference of a mean square and a squared mean loses digits.
@@ -162,7 +162,7 @@ def describe_collapse(result: analysis.AnalysisResult, shares: NDArray[np.float6
 def _write_warning(failures: int, modes: int, largest: float, wide: float | None) -> str:
     """That the modes have collapsed, and what to try; nothing said of a few failures.
 
-    A single mode is no collapse by itself: a planner may have no second. It is one where the
+    A single mode is not a collapse by itself: a planner may have no second. It is one where the
     failures hardly differ, for noise that makes a planner fail leaves most of itself free.
 
     The digests of stored results rest on these words, which therefore stay as they are; people read

@@ -80,7 +80,7 @@ class Clock(NamedTuple):
 
     Attributes:
         impact: number of steps until it; what comes after does not count.
-        step_s: duration of a step; None where it has none. [s]
+        step_s: duration of a step; None if it has none. [s]
         event: what comes at its end.
     """
 
@@ -144,7 +144,7 @@ def describe_needed(
     """What noise does of which every step counts, as in a minimal failure: all there is of it.
 
     Args:
-        z: shape (steps, channels), zero where nothing is needed. [sigma]
+        z: shape (steps, channels), zero if nothing is needed. [sigma]
         clock: when the impact is.
         channels: the names of the columns of z.
         shape: shape of the noise, by which events follow from z.
@@ -289,7 +289,7 @@ def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[s
 
 
 def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
-    """What overrode the plan, from when to when."""
+    """An override of the plan, from when to when."""
     names = [read_word(step, "override") for step in steps]
     # Sorted, so that the same episode has the same words in every process.
     for name in sorted({*names} - NOTHING):

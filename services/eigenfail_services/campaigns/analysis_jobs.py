@@ -57,7 +57,7 @@ class AnalysisBasis(NamedTuple):
         campaigns: each once, the first one first; with their states from before their failures
             are read, so that whatever has ended is read whole.
         form: length and channels of their episodes.
-        step_s: duration of a step; None where it has none, and where failures do not end at a
+        step_s: duration of a step; None if it has none, and if failures do not end at a
             collision, to which times could be told. [s]
         has_road: whether an ego drives in them.
     """
@@ -166,7 +166,7 @@ def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
 
 
 def read_world_field(spec: CampaignSpec, name: str) -> Any:
-    """Return one of `WORLD_FIELDS`; the requirements also where they are the default."""
+    """Return one of `WORLD_FIELDS`; the requirements also if they are the default."""
     return spec.all_requirements if name == "requirements" else getattr(spec, name)
 
 
@@ -300,7 +300,7 @@ def run_analysis(store: Store, analysis_id: int) -> None:
 def _gives_proposals_up(campaign: Campaign) -> bool:
     """Return whether early failures of a campaign come from proposals that its method has given up.
 
-    Where the method estimates the probability of each mode, every failure needs its mode.
+    If the method estimates the probability of each mode, every failure needs its mode.
     """
     traits = traits_of(campaign.spec.method)
     return traits.learns and traits.mode_probability is ModeProbability.UNKNOWN

@@ -167,7 +167,7 @@ def describe_modes(
         store: where the medoids are.
         analysis: analysis that found the modes.
         result: what it found.
-        step_s: duration of a step; None where it has none. [s]
+        step_s: duration of a step; None if it has none. [s]
     """
     until_s = time.monotonic() + PATIENCE_S
     behaviours = [""] * len(result.modes)

@@ -40,7 +40,7 @@ class ReplayWorld(NamedTuple):
     Attributes:
         spec: spec of the campaign, in that scenario.
         modes: modes that are replayed there, from 0.
-        drawn: the scenario's parameters that its modes' medoids drew; none where none vary.
+        drawn: the scenario's parameters that its modes' medoids drew; none if none vary.
     """
 
     spec: CampaignSpec
@@ -51,7 +51,7 @@ class ReplayWorld(NamedTuple):
 def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> list[ReplayWorld]:
     """Return the scenarios of an analysis's modes: one, unless the scenario's parameters vary.
 
-    Where they vary, a mode is at home in what its medoid drew; modes whose medoids drew the same
+    If they vary, a mode is at home in what its medoid drew; modes whose medoids drew the same
     share a world.
     """
     analysed = store.campaigns.get(analysis.campaign).spec

@@ -195,7 +195,7 @@ def load_mode_recordings(
 ) -> OverlaidRecordings:
     """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does.
 
-    Where the medoid has no scene that can be drawn, another failure is the first.
+    If the medoid has no scene that can be drawn, another failure is the first.
 
     Args:
         store: where the episodes are.

@@ -458,9 +458,9 @@ def read_experience(
 ) -> Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
-    None where it names no campaigns to learn from.
+    None if it names no campaigns to learn from.
 
-    In order of campaign and index. Where there are more than `MOST_EPISODES`, or than hold
+    In order of campaign and index. If there are more than `MOST_EPISODES`, or than hold
     `MOST_NUMBERS`, it is the least robust, and an even sample of the others by robustness, as many
     of these as of those.
 

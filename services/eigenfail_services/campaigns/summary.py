@@ -132,7 +132,7 @@ def find_cost(campaign: Campaign, failures: Rate | None = None) -> Cost:
 
     Args:
         campaign: as it stands.
-        failures: its failure rate; None where only the bill is needed.
+        failures: its failure rate; None if only the bill is needed.
     """
     active_s = campaign.active_s
     hours = campaign_figures.sum_instance_hours(campaign, active_s)

@@ -70,7 +70,7 @@ def is_lost(owner: str) -> bool:
 def find_place() -> str:
     """Return the name of this machine since its last start, and of its process namespace.
 
-    Two containers may have one name; a restarted machine counts its processes anew. Where the
+    Two containers may have one name; a restarted machine counts its processes anew. If the
     kernel does not report it, the name is this process's own, so that no other process shares it.
     """
     try:

@@ -127,7 +127,7 @@ def _make_table(
 def find_history(store: Store, analysis: int, mode: int) -> tuple[int, release.ReleaseMode] | None:
     """Return a mode of an analysis over the releases, with the campaign of its question.
 
-    None where its campaign names no version, or where the mode is not the main one of a release.
+    None if its campaign names no version, or if the mode is not the main one of a release.
 
     Raises:
         NotFound: no such analysis.

@@ -208,7 +208,7 @@ def _pool_rates(members: Sequence[_Member], lost: int) -> Rate:
 def price_over_seeds(sums: PairSums, instance_hours: float, failures: Rate) -> Cost:
     """Return total price ÷ all failures with its interval across seeds, or a lower bound.
 
-    Where no seed has a failure, episodes that were drawn from p(x) bound the cost as those of one
+    If no seed has a failure, episodes that were drawn from p(x) bound the cost as those of one
     campaign do. Those of a search bound it by their seeds: with 95 % confidence a seed finds
     failures with a probability of at most 1 − 0.05^(1/n), and then in all of its episodes at most.
 

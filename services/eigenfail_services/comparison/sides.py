@@ -325,7 +325,7 @@ def _bound_both_sides(rate: Rate, campaigns: Sequence[Campaign]) -> Rate:
 
 
 def _find_effect(a: Side, b: Side) -> EffectSize | None:
-    """Return A12 over the campaigns; None where they are too few to show anything."""
+    """Return A12 over the campaigns; None if they are too few to show anything."""
     ones, others = (_list_known_rates(side) for side in (a, b))
     return (
         comparison.effect_size(ones, others)

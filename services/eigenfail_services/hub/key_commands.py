@@ -148,7 +148,7 @@ def follow(
 ) -> None:
     """Write the hub's new public key into a worker's key file; then restart the worker.
 
-    The hub's public key is no secret, but get it from a trusted source: it identifies the hub.
+    The hub's public key is not a secret, but get it from a trusted source: it identifies the hub.
     """
     key = read_worker_key(read_private(file, "FILE"), "FILE")
     replace_private(file, key.following(read_hub_key(hub, "HUB")).text(), "FILE")

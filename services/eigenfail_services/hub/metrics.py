@@ -83,7 +83,7 @@ class HubStatus(msgspec.Struct, frozen=True):
 
 
 class RunningCampaign(Protocol):
-    """What the metrics need to know of a running campaign."""
+    """The facts of a running campaign that metrics need."""
 
     def work(self) -> Work:
         """Return the work that waits or is leased."""

@@ -43,7 +43,7 @@ def no_claim() -> None:
 
 
 class RunSpec(msgspec.Struct, frozen=True, eq=False):
-    """What the hub needs to know to run a campaign.
+    """The facts that the hub needs to run a campaign.
 
     Attributes:
         campaign: id of the campaign.

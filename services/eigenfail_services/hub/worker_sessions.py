@@ -55,7 +55,7 @@ class AssemblerTable:
     def add(self, connection: Hashable, piece: messages.Piece) -> bytes | None:
         """Take a piece; return the message of that connection if it is complete now.
 
-        Where the bound is exceeded, the longest incomplete message is dropped.
+        If the bound is exceeded, the longest incomplete message is dropped.
 
         Raises:
             ProtocolError: the piece does not fit the size that it names.

@@ -60,7 +60,7 @@ class Mixing(Protocol):
 
 
 def find_first_sample(settings: Any, episodes: int) -> int:
-    """Return the index of the first episode whose failure counts; 0 where all do."""
+    """Return the index of the first episode whose failure counts; 0 if all do."""
     return settings.first_sample(episodes) if isinstance(settings, BurningIn) else 0
 
 

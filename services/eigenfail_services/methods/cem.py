@@ -114,7 +114,7 @@ def _pad(elite: Sequence[Floats], shape: tuple[int, ...]) -> tuple[Array, NDArra
 def select_elite(
     results: Sequence[EpisodeResult], proposal: GaussianProposal, share: float
 ) -> list[Floats]:
-    """Return the noise of the elite of a round; empty where the round has no information.
+    """Return the noise of the elite of a round; empty if the round has no information.
 
     With fewer failures than the elite, it consists of the least robust episodes; otherwise of the
     failures with the largest log p(z) − log q(z). By log p(z) alone, the smallest noise would be
@@ -158,7 +158,7 @@ ADVICE = (
 class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `cem`. It starts from the prior: mean 0, standard deviation 1 [sigma].
 
-    With some hundred episodes, many small rounds find more than few large ones. Where the standard
+    With some hundred episodes, many small rounds find more than few large ones. If the standard
     deviation may fall to sqrt(1/2), importance weights have no finite variance.
     """
 

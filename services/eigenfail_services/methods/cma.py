@@ -69,7 +69,7 @@ class CmaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class Score(msgspec.Struct, frozen=True, order=True):
-    """What candidates are ranked by: robustness, then likelihood; the smallest is the best.
+    """The ranks of candidates: robustness, then likelihood; the smallest is the best.
 
     Attributes:
         robustness_m: 0 of a failure, infinite of an episode that could not be run. [m]

@@ -138,7 +138,7 @@ _policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_a
 
 
 class JudgingRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a member did in the episodes in which it was judged.
+    """The results of a member in the episodes that judged it.
 
     Attributes:
         episodes: number of these episodes.

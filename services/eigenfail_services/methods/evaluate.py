@@ -25,7 +25,7 @@ class Weigher(Protocol):
         """Return the sums with episodes of `exploit`, weighted by its present density."""
 
     def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
-        """Return the estimate from some sums; None where there is none.
+        """Return the estimate from some sums; None if there is none.
 
         Args:
             sums: sums of all weighted episodes.

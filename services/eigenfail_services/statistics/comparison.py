@@ -75,7 +75,7 @@ def rank_correlation(one: Array, other: Array) -> Figure | None:
         other: shape (n,).
 
     Returns:
-        None over fewer than ten pairs, or where one of them does not vary.
+        None over fewer than ten pairs, or if one of them does not vary.
     """
     ranks = [_rank(values) for values in (one, other)]
     if len(one) < LEAST_PAIRS or any(np.ptp(each) == 0.0 for each in ranks):

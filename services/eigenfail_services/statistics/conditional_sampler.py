@@ -31,7 +31,7 @@ class Chains(NamedTuple):
         values: their robustness, shape (length, chains). [m]
         first_draw_of_chain: index of the independent first draw from which each chain descends,
             shape (chains,).
-        acceptance: share of the moves that were accepted; 1 where none was made.
+        acceptance: share of the moves that were accepted; 1 if none was made.
         ran: share of the draws of p(z) that did not error; 1 of samples that were moved.
     """
 

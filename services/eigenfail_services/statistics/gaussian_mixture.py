@@ -70,7 +70,7 @@ class NormalComponent(NamedTuple):
 
     Attributes:
         mean: shape (size,).
-        axes: orthonormal axes as columns, shape (size, size); None where all variances are equal,
+        axes: orthonormal axes as columns, shape (size, size); None if all variances are equal,
             so that any axes are principal ones.
         variances: variance along each axis, shape (size,).
     """

@@ -41,7 +41,7 @@ def clopper_pearson(k: int, n: int) -> Interval:
 def bound_stated_share(k: int, n: int, most: int) -> Interval:
     """Return an interval of a probability that is stated only because an event was seen.
 
-    Where an event is unlikely in n trials, a share is stated rarely, and then it is too large. So
+    If an event is unlikely in n trials, a share is stated rarely, and then it is too large. So
     the lower end is exact given at least one event: the p at which P(k or more | 1 or more) is
     2.5 %. One event alone excludes no p; its lower end is that of `clopper_pearson`, which fails
     only where fewer than one in forty such trials have an event. The upper end is that of
@@ -137,7 +137,7 @@ def log_normal(probability: float, cv: float, effective: float = inf) -> Interva
     """The 95 % interval of a probability above 0 whose estimate is log-normal about it.
 
     exp(±q·s) around it, s² = log(1 + cv²) for a coefficient of variation cv. q is the quantile of
-    Student's distribution with `effective` − 1 degrees of freedom, at least 1, where cv was itself
+    Student's distribution with `effective` − 1 degrees of freedom, at least 1, if cv was itself
     estimated from that many independent samples; `Z` where it is known.
     """
     quantile = find_quantile(1.0 - ERROR / 2.0, effective)

@@ -9,7 +9,7 @@ and each keeps its region. A mixture of normals is fitted to their ends, refitte
 weighted failures that were drawn from it, and then stands still: the estimate rests on the last
 draws alone, which are draws of one q. It is unbiased; an episode that errored counts as no failure.
 The draws are stratified by component, and their variance is estimated as that of independent ones.
-Where no mixture is fitted, or its trial promises too few effective failures, the rest of the budget
+If no mixture is fitted, or its trial promises too few effective failures, the rest of the budget
 goes to another estimator. Its draws are new, so
 that neither its estimate nor its interval depends on why it was called.
 
@@ -327,7 +327,7 @@ class MixtureSampling:
     ) -> gaussian_mixture.MixtureProposal | None:
         """Return a mixture that is fitted to all weighted failures; None of too few.
 
-        Where a few failures hold most of the weight, all weights are raised to a power below 1.
+        If a few failures hold most of the weight, all weights are raised to a power below 1.
         """
         z, log_weights = weigh_by_balance(seen)
         if len(z) < FEWEST_FITTED:

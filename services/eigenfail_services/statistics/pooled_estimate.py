@@ -29,7 +29,7 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
     since all may miss the same failures.
 
     Args:
-        estimates: at least one. Where one of them has no number, neither has the whole.
+        estimates: at least one. If one of them has no number, neither has the whole.
     """
     episodes = sum(one.episodes for one in estimates)
     for number, one in enumerate(estimates):
@@ -74,7 +74,7 @@ def disagree(found: Sequence[tuple[float, float, float]]) -> bool:
 
     Args:
         found: probability, above 0, coefficient of variation, and effective number of samples from
-            which that was estimated (infinite where it is known), of each.
+            which that was estimated (infinite if it is known), of each.
     """
     logs = [(log(p), log1p(cv**2), effective) for p, cv, effective in found]
     return any(
@@ -139,7 +139,7 @@ def pool_simulations(
     """Return the estimate of runs over the same levels that have all ended.
 
     The share of each level is that of the samples of all runs, each run weighted by its first
-    draws. Where runs differ much, the product of these shares has a smaller error than the mean of
+    draws. If runs differ much, the product of these shares has a smaller error than the mean of
     the runs' products; its variation is that of the mean.
 
     Args:

@@ -90,8 +90,8 @@ class Ratio(NamedTuple):
 
     Attributes:
         value: the ratio.
-        interval: its 95 % interval; None where it is open above, or nothing varied.
-        at_least: its lower end; None where the data bound it by nothing above 0.
+        interval: its 95 % interval; None if it is open above, or nothing varied.
+        at_least: its lower end; None if the data bound it by nothing above 0.
     """
 
     value: float
@@ -105,7 +105,7 @@ def find_ratio(sums: PairSums) -> Ratio:
     Fieller's interval holds all R at which the mean of price − R · failures is within t standard
     errors of 0: (m_f² − h_ff) R² − 2 (m_p m_f − h_pf) R + m_p² − h_pp ≤ 0, with means m, h = t² ·
     (co)variance ÷ n and t Student's quantile with n − 1 degrees of freedom. A repetition without a
-    failure is a pair like any other. Where the number of failures is not distinguished from 0
+    failure is a pair like any other. If the number of failures is not distinguished from 0
     (m_f² ≤ h_ff), no price is too high: only the lower end is left.
     Source: Fieller 1954, Journal of the Royal Statistical Society B 16, 175–185.
 

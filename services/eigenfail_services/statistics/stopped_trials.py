@@ -30,7 +30,7 @@ class StoppedTrials(NamedTuple):
         limit: the number of events that ends the trials.
         early: trials after which the rule was judged for the last time without holding; 0 if the
             first look ended the trials, or if there was none.
-        deciding: trials between that look and the one at which the rule held; 0 where it never
+        deciding: trials between that look and the one at which the rule held; 0 if it never
             held: the trials ended with their budget.
         late: trials after the last look that counted.
     """
@@ -64,7 +64,7 @@ class StoppedTrials(NamedTuple):
         the probability.
 
         Returns:
-            None where it is 0 although there were events, as with k = 1: no estimate without bias
+            None if it is 0 although there were events, as with k = 1: no estimate without bias
             is of use there.
         """
         if events < self.limit:
@@ -79,7 +79,7 @@ class StoppedTrials(NamedTuple):
         their number of events within a stage (Tsiatis, Rosner and Mehta 1984, Biometrics 40,
         797–803). The bounds are the probabilities at which this end or one further out has the
         probability `tail`. With rounds of one trial they are the quantiles of Beta(k, n − k + 1)
-        and Beta(k, n − k). Where the budget ended the trials before the k-th event, "this many
+        and Beta(k, n − k). If the budget ended the trials before the k-th event, "this many
         events or more" includes all ends that the rule made, and "this many or fewer" none of
         them: the bounds are Clopper and Pearson's of a fixed number of trials.
         """
@@ -126,7 +126,7 @@ def _find_bounds(end: StoppedTrials, events: int, tail: float) -> Interval:
 
 
 def _bisect(is_below: Callable[[float], bool]) -> float:
-    """Return the p up to which a condition holds; 0 or 1 where it never or always does."""
+    """Return the p up to which a condition holds; 0 or 1 if it never or always does."""
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0

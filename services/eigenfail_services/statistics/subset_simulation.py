@@ -359,7 +359,7 @@ class SubsetSimulation:
         first: run that chooses the levels.
         end: end of the first run; None before.
         runs: all runs, the first run before the others, once that has reached failures; else empty.
-        wide: run of wide noise; None before the end of the first run, and where none is drawn.
+        wide: run of wide noise; None before the end of the first run, and if none is drawn.
         plain: draws of p(z) with what the first run has left, where it reached no failure.
     """
 
@@ -396,7 +396,7 @@ class SubsetSimulation:
     def run(self) -> batches.Requests:
         """Request the trajectories of all runs.
 
-        To be called once; `runs` then have the results. There are none where the first run reached
+        To be called once; `runs` then have the results. There are none if the first run reached
         no failure: what is left of the budget is then drawn from p(z).
         """
         self.end = yield from self.first.run()
@@ -467,7 +467,7 @@ def simulate_subsets(
 def _find_next_threshold(values: batches.Array, before: float, share: float) -> float | None:
     """Return the robustness that this share of the values reaches, never below 0.
 
-    Where ties hold that quantile up at the level before, the next smaller value; None without one.
+    If ties hold that quantile up at the level before, the next smaller value; None without one.
     """
     ordered = np.sort(values, axis=None)
     quantile = float(ordered[ceil(share * ordered.size) - 1])

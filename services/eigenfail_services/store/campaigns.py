@@ -191,7 +191,7 @@ class CampaignStore(StorePart):
         """Return campaigns that match a filter, in an order, behind the id `before` in it.
 
         By id, `before` may be any number; in another order it is the id of a campaign. Among equal
-        values the newest come first, and campaigns without a value last. Where the value of a
+        values the newest come first, and campaigns without a value last. If the value of a
         campaign changes between two pages, it may be on both of them or on none.
 
         Raises:
@@ -262,7 +262,7 @@ class CampaignStore(StorePart):
     def begin_part(self, campaign: int, versions: Versions, claim: Job | None = None) -> Campaign:
         """Record with which versions the campaign goes on; the same as before change nothing.
 
-        Where the campaign has results of other versions, an event says so.
+        If the campaign has results of other versions, an event says so.
 
         Args:
             campaign: id of the campaign.

@@ -125,7 +125,7 @@ def to_analysis_result(blob: bytes) -> AnalysisResult:
 
 
 def to_tags_text(tags: tuple[str, ...]) -> str | None:
-    """Return tags as JSON; None where there are none."""
+    """Return tags as JSON; None if there are none."""
     return msgspec.json.encode(tags).decode() if tags else None
 
 

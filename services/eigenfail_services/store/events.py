@@ -28,7 +28,7 @@ PRUNED_EVERY = 1_000
 
 
 class EventSubject(NamedTuple):
-    """What an event is about, besides a campaign: see `Event`."""
+    """The subject of an event, besides a campaign: see `Event`."""
 
     id: int | None = None
     state: str = ""

@@ -48,7 +48,7 @@ def _select_mode() -> Expression:
     """Return the number of the mode, in the newest analysis, of the episode of an enclosing query.
 
     The newest is the analysis of the episode's campaign that ended with a mode and has the largest
-    id. An episode that it left out has no mode, also where an older one has it.
+    id. An episode that it left out has no mode, also if an older one has it.
     """
     member = mode_members.c
     newest = select_newest_analysis(_c.campaign).correlate(episodes)

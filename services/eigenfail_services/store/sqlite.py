@@ -119,7 +119,7 @@ class _SqliteErrors:
         return False
 
     def is_damage(self, error: object) -> bool:
-        """Return whether the file is no database, or a page of it is missing or damaged."""
+        """Return whether the file is not a database, or a page of it is missing or damaged."""
         code: int = getattr(error, "sqlite_errorcode", 0)
         return code & PRIMARY in DAMAGES or code == sqlite3.SQLITE_IOERR_SHORT_READ
 

@@ -173,7 +173,7 @@ def sample_severities(
 def _count_violations(
     connection: sa.Connection, campaign: int
 ) -> tuple[safety.RequirementTotals, ...]:
-    """Count violations of each requirement that the campaign names; none where it names none."""
+    """Count violations of each requirement that the campaign names; none if it names none."""
     value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
         sa.select(number, sa.func.count(), sa.func.count().filter(value <= 0.0), sa.func.min(value))

@@ -188,7 +188,7 @@ class BridgeEngine:
         setup: setup of the campaign; `scenario` and `planner` are names that the bridge offers.
         connection: connection to the bridge; opened with the first episode.
         recorded: list that is filled with the steps of the last episode, as the bridge explains
-            them; None where it is not asked to.
+            them; None if it is not asked to.
 
     Attributes:
         declined: why no episode of the campaign can run on this bridge, which does not offer one of

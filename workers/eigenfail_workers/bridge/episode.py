@@ -38,16 +38,16 @@ from eigenfail_workers.values import Point
 
 
 class BridgeCampaign(NamedTuple):
-    """What the episodes of a campaign on a bridge share.
+    """The setup that the episodes of a campaign on a bridge share.
 
     Attributes:
         setup: setup of the campaign.
         settings: settings of the planner.
         model: model of the disturbances, with its channels written out.
         noise: begins the noise of each episode.
-        judge: what judges the episodes; None where only no collision is required.
+        judge: what judges the episodes; None if only no collision is required.
         recorded: list that is filled with the steps of the last episode, as the bridge explains
-            them; None where it is not asked to.
+            them; None if it is not asked to.
     """
 
     setup: EpisodeSetup
@@ -229,8 +229,8 @@ class ObservationReader:
     def read(self, seen: messages.SlotObservation, disturbance: Row) -> Observation:
         """Return the true state at the start, or after a step with the planner's control.
 
-        Where the bridge does not report the perceived position, it is the one that follows from
-        the disturbance, and NaN where vehicles come and go; where it does not report the control,
+        If the bridge does not report the perceived position, it is the one that follows from
+        the disturbance, and NaN if vehicles come and go; where it does not report the control,
         that follows from the change of speed, without steering.
 
         Args:

@@ -159,7 +159,7 @@ class Recorder:
     Args:
         model: model of the noise that is added.
         importance: importance function to be recorded; None for none.
-        judge: what judges the episode; None where only no collision is required.
+        judge: what judges the episode; None if only no collision is required.
     """
 
     def __init__(
@@ -340,7 +340,7 @@ class Recorder:
         return self._judge.judge(DrivenCourse(dt_s, signals, measures))
 
     def importance(self) -> Floats | None:
-        """Return the importance after each step, shape (steps,); None where it is not recorded.
+        """Return the importance after each step, shape (steps,); None if it is not recorded.
 
         Raises:
             SimulatorError: a value is beyond what is stored.
@@ -389,7 +389,7 @@ def _check(observation: Observation) -> None:
     peak_mps2 = observation.peak_braking_mps2
     if peak_mps2 is not None and not 0.0 < peak_mps2 <= LARGEST_FLOAT32:
         problem = f"`peak_braking_mps2` is {peak_mps2:g}."
-        raise SimulatorError(problem, "State it in m/s², above 0, or leave it out.")
+        raise SimulatorError(problem, "State a finite number above 0, or leave it out.")
 
 
 def _check_control(control: Control | None, name: str, step: int) -> None:
@@ -398,7 +398,7 @@ def _check_control(control: Control | None, name: str, step: int) -> None:
 
 
 def _refuse_lost(numbers: Sequence[float], name: str, step: int) -> None:
-    """Refuse finite numbers that would become infinite where they are kept, as float32."""
+    """Refuse finite numbers that would become infinite if they are kept, as float32."""
     for number in numbers:
         if LARGEST_FLOAT32 < abs(number) < inf:
             problem = f"After step {step} {name} holds {number:g}."
@@ -408,7 +408,7 @@ def _refuse_lost(numbers: Sequence[float], name: str, step: int) -> None:
 def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
     """Return poses, shape (observations, vehicles, 4), and sizes, shape (vehicles, 2), of a course.
 
-    Vehicle 0 is the ego. NaN where a vehicle is not there; its size is that of its first moment.
+    Vehicle 0 is the ego. NaN if a vehicle is not there; its size is that of its first moment.
 
     Raises:
         SimulatorError: vehicles without numbers come or go.

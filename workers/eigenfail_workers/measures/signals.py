@@ -174,7 +174,7 @@ class SignalRecorder:
         self._values[name].append(value)
 
     def _find_acceleration(self, now: Observation) -> float:
-        """Return the acceleration that was applied; NaN where it is not reported. [m/s²]
+        """Return the acceleration that was applied; NaN if it is not reported. [m/s²]
 
         A truck at rest does not brake, whatever its control is.
         """

@@ -29,7 +29,7 @@ class NoiseSource(Protocol):
         """Return z of the next step, one of each channel, as values of float32. [sigma]"""
 
     def first(self) -> Row:
-        """Return z of the first step, before it is drawn; 0 where an adversary has yet to choose.
+        """Return z of the first step, before it is drawn; 0 if an adversary has yet to choose.
 
         Channels that are drawn once have their value by it, also under an adversary.
         """

@@ -41,7 +41,7 @@ ROOT_HASH = re.compile(r"[0-9a-fA-F]{64}")
 
 
 class EvidenceCommands(TyperGroup):
-    """`eigenfail evidence`, which collects for a file where no other command is named."""
+    """`eigenfail evidence`, which collects for a file if no other command is named."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front of a file."""

@@ -28,7 +28,7 @@ NEXT = "See where the next episodes help most: eigenfail risk next FILE.toml"
 
 
 class RiskCommands(TyperGroup):
-    """`eigenfail risk`, which assesses the risk of a file where no other command is named."""
+    """`eigenfail risk`, which assesses the risk of a file if no other command is named."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the command in front of a file."""

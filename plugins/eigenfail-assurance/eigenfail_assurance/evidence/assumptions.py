@@ -16,7 +16,7 @@ from eigenfail_assurance.risk.sentences import list_limits
 
 
 class Surroundings(NamedTuple):
-    """What a solution is to be read with.
+    """Assumptions with which a solution is read.
 
     Attributes:
         context: what it was found for, in sentences.

@@ -192,7 +192,7 @@ def bound_probability(campaigns: Sequence[CountedCampaign], error: float) -> Int
 
 
 def estimate_probability(campaigns: Sequence[CountedCampaign]) -> float | None:
-    """Return the point estimate; None where a stop rule leaves none that is k ÷ n."""
+    """Return the point estimate; None if a stop rule leaves none that is k ÷ n."""
     first = campaigns[0].campaign
     if first.spec.method != MONTE_CARLO:
         return first.estimate.probability if first.estimate else None

@@ -65,12 +65,12 @@ Figures = Mapping[str, int | float | None]
 
 
 class SolutionFinding(msgspec.Struct, frozen=True, kw_only=True):
-    """What an output shows.
+    """The findings of an output.
 
     Attributes:
         verdict: supported, refuted or undecided.
         words: why, in a sentence.
-        figures: the numbers behind it, by name; None where there is none.
+        figures: the numbers behind it, by name; None if there is none.
     """
 
     verdict: ClaimVerdict

@@ -1,4 +1,4 @@
-"""What solutions rest on: campaigns with their episodes, as files of a bundle.
+"""The data of solutions: campaigns with their episodes, as files of a bundle.
 
 Episodes are a CSV file as the service exports it, with the columns `COLUMNS`. The digest of a
 campaign is that of the digests of its episodes, and is computed again when the file is read.
@@ -52,7 +52,7 @@ class WorkerVersions(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         workers: names of workers with these versions.
-        versions: by name; empty where the service does not know them any more.
+        versions: by name; empty if the service does not know them any more.
     """
 
     workers: tuple[str, ...]
@@ -65,7 +65,7 @@ class PlannerIdentity(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: name of the planner.
         settings: those that its campaign names; all others are its defaults.
-        version: the version that the campaign names; empty where it names none.
+        version: the version that the campaign names; empty if it names none.
     """
 
     name: str
@@ -105,7 +105,7 @@ class RecordedEpisode(msgspec.Struct, frozen=True, gc=False):
         seed: of everything random in it.
         source: of its noise: prior, trajectory or policy.
         outcome: how it ended.
-        severity: in m²/s²; None where it has none.
+        severity: in m²/s²; None if it has none.
         digest: SHA-256 of what happened.
     """
 

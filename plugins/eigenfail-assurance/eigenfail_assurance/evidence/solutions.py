@@ -32,7 +32,7 @@ class SolutionCampaign(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         campaign: its id.
-        digest: over all of its results, as the service has it; None where it has not ended.
+        digest: over all of its results, as the service has it; None if it has not ended.
         planner: the planner under test.
         services: versions of the services that ran it, one after the other.
         workers: versions of the workers that ran its episodes, as far as they are known.

@@ -77,7 +77,7 @@ def check_output(output: Path, *, force: bool) -> None:
 
 
 def _find_foreign(output: Path) -> str:
-    """Return what in a place is no bundle; empty if it is one."""
+    """Return what in a place is not a bundle; empty if it is one."""
     if output.is_dir():
         files = (each for each in output.rglob("*") if each.is_symlink() or not each.is_dir())
         names = [each.relative_to(output).as_posix() for each in files]

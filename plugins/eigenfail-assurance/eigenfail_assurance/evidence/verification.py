@@ -21,7 +21,7 @@ from eigenfail_assurance.evidence.storage import BundleDefect, make_defect, read
 
 
 class EvidenceCheck(msgspec.Struct, frozen=True, kw_only=True):
-    """What the verification of a bundle found.
+    """The findings of the verification of a bundle.
 
     Attributes:
         root_hash: root hash of the bundle, as its manifest states it.

@@ -27,7 +27,7 @@ from eigenfail_assurance.risk.confidence import RiskTerm
 
 
 class EpisodeShare(msgspec.Struct, frozen=True, kw_only=True):
-    """What the next budget should spend on a scenario.
+    """The part of the next budget for a scenario.
 
     Attributes:
         scenario: its name.
@@ -52,7 +52,7 @@ class Allocation(msgspec.Struct, frozen=True, kw_only=True):
         now: standard error of the total. [1/h]
         then: standard error of the total after these episodes, as far as it is known now. [1/h]
         exposure: share of today's variance that is due to exposure, which no episode reduces;
-            None where there is no variance.
+            None if there is no variance.
     """
 
     episodes: int

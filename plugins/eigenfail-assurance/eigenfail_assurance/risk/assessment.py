@@ -14,7 +14,7 @@ from eigenfail_assurance.risk.question import KM_PER_FIGURE, RiskQuestion, RiskS
 
 
 class RiskVerdict(StrEnum):
-    """What the bounds show about the target."""
+    """The verdict of the bounds on the target."""
 
     MET = "met"
     NOT_MET = "not met"
@@ -25,10 +25,10 @@ class RiskFigure(msgspec.Struct, frozen=True, kw_only=True):
     """A number that is known up to an interval.
 
     Attributes:
-        value: point estimate; None where there is none.
-        interval: two-sided interval of 95 %; None where the number has no upper bound.
+        value: point estimate; None if there is none.
+        interval: two-sided interval of 95 %; None if the number has no upper bound.
         at_least: one-sided lower bound of 95 %; None of factors, which are not judged.
-        at_most: one-sided upper bound of 95 %; None where there is none.
+        at_most: one-sided upper bound of 95 %; None if there is none.
     """
 
     value: float | None
@@ -55,17 +55,17 @@ NOTHING_KNOWN = RiskFigure(value=None)
 
 
 class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
-    """What campaigns know of a scenario.
+    """The evidence of campaigns on a scenario.
 
     Attributes:
         campaigns: their ids.
         method: their method; empty without a campaign.
         episodes: number of completed episodes.
         failures: number of failures among them.
-        probability: what they state on P(failure); None where they state nothing.
+        probability: what they state on P(failure); None if they state nothing.
         problem: why they state nothing; empty otherwise.
         seeds: of the noise of their episodes.
-        severities: severities of a random sample of the failures [m²/s²]; None where there is none.
+        severities: severities of a random sample of the failures [m²/s²]; None if there is none.
         sampled_failures: size of that sample; failures without a severity count.
         are_counted: whether that sample is all failures that `probability` counts.
     """
@@ -117,9 +117,9 @@ class SeverityRate(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: the class in words.
         per_hour: estimate of such failures in an hour of driving. [1/h]
-        share: share of the estimated total; None where the total is 0.
+        share: share of the estimated total; None if the total is 0.
         counted: number of such failures in the samples.
-        at_most: one-sided upper bound of 95 % of such failures in an hour of driving; None where
+        at_most: one-sided upper bound of 95 % of such failures in an hour of driving; None if
             the failures of a scenario are not all counted by class. [1/h]
     """
 
@@ -139,9 +139,9 @@ class RiskAssessment(msgspec.Struct, frozen=True, kw_only=True):
         verdict: what the one-sided bounds show about the target.
         per_hour: failures in an hour; without value and upper bounds while a scenario has no
             estimate: `at_least` is then that of the other ones, whose sum it cannot fall below.
-        per_million_km: failures in 10^6 km; None where the distance that was driven is not known.
+        per_million_km: failures in 10^6 km; None if the distance that was driven is not known.
         scenarios: in the order of the question.
-        severity: classes of severity, then failures of which no severity is known; empty where no
+        severity: classes of severity, then failures of which no severity is known; empty if no
             threshold is given, or the total is not known.
         next: the best use of the next episodes.
         notes: what limits the answer, in sentences.
@@ -353,7 +353,7 @@ def _bound_class(
     """Return the one-sided upper bound of the failures of a class in an hour, by melding. [1/h]
 
     Episodes of a fixed number that fail in this class are a binomial number as all failures are, so
-    that the bounds of Clopper and Pearson hold for them. None where a scenario has other evidence.
+    that the bounds of Clopper and Pearson hold for them. None if a scenario has other evidence.
 
     Args:
         name: the class.

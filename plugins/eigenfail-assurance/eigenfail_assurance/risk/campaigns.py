@@ -149,7 +149,7 @@ def find_probability(campaigns: Sequence[Campaign], unresolved: int = 0) -> _Pro
     """Return what campaigns of one scenario state on P(failure).
 
     Episodes state it where `SamplingDesign` calls them a sample of p(x), and a method's estimate
-    where the method declares `bounds_probability` and the estimate is no lower bound and has an
+    where the method declares `bounds_probability` and the estimate is not a lower bound and has an
     interval. The failures of a search state nothing.
 
     Args:

@@ -84,15 +84,15 @@ class Confidence(Protocol):
 
     @property
     def value(self) -> float | None:
-        """Point estimate; None where there is none without bias."""
+        """Point estimate; None if there is none without bias."""
 
     @property
     def centre(self) -> float:
-        """A plausible value that is above 0 also where no event was seen."""
+        """A plausible value that is above 0 also if no event was seen."""
 
     @property
     def variance(self) -> float:
-        """Squared standard error of the estimate, above 0 also where no event was seen."""
+        """Squared standard error of the estimate, above 0 also if no event was seen."""
 
     def draw_lower(self) -> Array:
         """Return the quantiles of the lower distribution at `LEVELS`."""
@@ -108,7 +108,7 @@ class Stated:
     Its own lower bound is that of the interval, unless the lower end is below value ÷ 88.
 
     Attributes:
-        value: the value, which is the median; None where only the interval is known.
+        value: the value, which is the median; None if only the interval is known.
         low: lower end; equal to the value and the upper end where it is known exactly.
         high: upper end.
     """
@@ -234,7 +234,7 @@ class FailureShare:
         return _draw_beta(k, self.trials - k + 1) if k else np.zeros(DRAWS)
 
     def draw_upper(self) -> Array:
-        """Return quantiles of Beta(k + 1, n - k); ones where nothing else was seen than failures.
+        """Return quantiles of Beta(k + 1, n - k); ones if nothing else was seen than failures.
 
         Errored and unresolved episodes count as failures.
         """
@@ -251,7 +251,7 @@ class RunEstimate:
     Attributes:
         value: the estimate, above 0.
         cv: coefficient of variation, above 0.
-        freedom: degrees of freedom, 1 or more; infinite where `cv` is known.
+        freedom: degrees of freedom, 1 or more; infinite if `cv` is known.
     """
 
     value: float
@@ -260,7 +260,7 @@ class RunEstimate:
 
     @classmethod
     def of(cls, estimate: Estimate) -> "RunEstimate | None":
-        """Return what an estimate states, by its own interval; None where it states no interval.
+        """Return what an estimate states, by its own interval; None if it states no interval.
 
         The degrees of freedom follow from the lower end of the interval, which is cut nowhere.
         """
@@ -352,7 +352,7 @@ class RiskTerm:
 
     @property
     def value(self) -> float | None:
-        """Estimate of its failures in an hour; None where there is none."""
+        """Estimate of its failures in an hour; None if there is none."""
         rate, probability = self.exposure.value, self.probability.value
         return None if rate is None or probability is None else rate * probability
 
@@ -431,7 +431,7 @@ def bound_factor(known: Confidence) -> Interval:
 def find_t_freedom(quantile: float) -> float:
     """Return the degrees of freedom of Student's distribution that has this 97.5 % quantile.
 
-    They are 1 or more; infinite where the quantile is that of the normal distribution.
+    They are 1 or more; infinite if the quantile is that of the normal distribution.
     """
     if quantile <= Z * (1.0 + NEARLY_NORMAL):
         return inf

@@ -55,7 +55,7 @@ class Driving(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     Attributes:
         hours: duration. [h]
-        kilometres: distance; None where it is not known: no rate by distance is given then. [km]
+        kilometres: distance; None if it is not known: no rate by distance is given then. [km]
     """
 
     hours: Positive
@@ -69,7 +69,7 @@ class RiskScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         name: its name in tables; it need not be that of a scenario of a simulator.
         encounters: number of times that it was met in the driving of `[exposure]`, or in `hours`.
         hours: duration of another log in which `encounters` were counted. [h]
-        per_hour: how often it is met in an hour, where no log was counted.
+        per_hour: how often it is met in an hour, if no log was counted.
         per_kilometre: how often it is met in a kilometre, likewise.
         interval: 95 % interval of `per_hour` or `per_kilometre`; without it they are taken to be
             known exactly.
@@ -153,7 +153,7 @@ class RiskQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     @property
     def km_per_hour(self) -> float | None:
-        """Mean speed of the driving; None where its distance is not known. [km/h]"""
+        """Mean speed of the driving; None if its distance is not known. [km/h]"""
         driven = self.exposure.kilometres
         return None if driven is None else driven / self.exposure.hours
 

@@ -92,7 +92,7 @@ def describe_verdict(found: assessment.RiskAssessment) -> str:
 def _describe_none(
     found: assessment.RiskAssessment, figure: assessment.RiskFigure, target: float, unit: str
 ) -> str:
-    """Return the verdict where no failure was observed: the bound comes first."""
+    """Return the verdict if no failure was observed: the bound comes first."""
     name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
     most = figure.at_most or 0.0
     if found.verdict is assessment.RiskVerdict.MET:

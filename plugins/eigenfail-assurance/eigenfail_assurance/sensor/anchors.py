@@ -185,7 +185,7 @@ def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Inte
     """Return the exact bounds of P(failure) from episodes that were drawn from p(x).
 
     Errored and unresolved episodes count as failures in the upper bound, and as none in the lower
-    one. Where the stop rule ended the campaign, the whole budget would have had as many failures
+    one. If the stop rule ended the campaign, the whole budget would have had as many failures
     or more, which gives a lower bound alone.
 
     Args:
@@ -208,7 +208,7 @@ def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Inte
 def find_fewest_failures(target: float, episodes: int, error: float) -> int | None:
     """Return the smallest k with P(k or more of n episodes fail) < `error` at the target.
 
-    So many failures show that the target is not met. None where even n of n do not.
+    So many failures show that the target is not met. None if even n of n do not.
     """
     ways = range(1, episodes + 1)
     place = bisect_left(

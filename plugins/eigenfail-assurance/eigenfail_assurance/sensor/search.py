@@ -11,7 +11,7 @@ the true limit seems to meet the target. As long as none does, the bisection tak
 such anchors, whatever is found below the limit: an anchor there that is missed leads away from
 them. So at most n tests can make the statement wrong, and they may depend on each other, as
 campaigns of one seed do. Testing from the smallest error on would need no division, but a campaign
-for each point of the grid, and those with the rarest failures cost most. Where an anchor is
+for each point of the grid, and those with the rarest failures cost most. If an anchor is
 undecided, a second bisection looks for the smallest error that misses the target; what is met
 there does not count.
 """
@@ -106,7 +106,7 @@ class RequirementQuestion(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AnchorVerdict(StrEnum):
-    """What a campaign shows about the target."""
+    """The verdict of a campaign on the target."""
 
     MET = "met"
     NOT_MET = "not met"
@@ -122,7 +122,7 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
         campaign: id of the campaign.
         episodes: number of its completed episodes.
         failures: number of failures among them.
-        probability: P(failure); None where there is no estimate.
+        probability: P(failure); None if there is no estimate.
         bounds: lower and upper bound of P(failure), each with the error of one test.
         verdict: what they show.
         problem: why there is no number; empty otherwise.
@@ -141,7 +141,7 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
     def leads_up(self) -> bool:
         """Whether the search goes on at larger errors.
 
-        Where few episodes failed of a method that looks for failures, there is no number because
+        If few episodes failed of a method that looks for failures, there is no number because
         failures are too rare.
         """
         is_rare = self.failures <= FEW_FAILING * self.episodes

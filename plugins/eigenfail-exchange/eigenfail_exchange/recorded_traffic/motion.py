@@ -159,7 +159,7 @@ def _derive_motion(
 ) -> tuple[Doubles, Doubles]:
     """Return headings and speeds at the times of a grid, by the positions.
 
-    Where these are noisy, motion is that over `WINDOW_S`, since that between two steps would be
+    If these are noisy, motion is that over `WINDOW_S`, since that between two steps would be
     noise: a vehicle that stands would spin.
 
     Args:

@@ -338,7 +338,7 @@ def choose_starts(failures: Floats, chains: int, seed: int) -> Floats:
 
     The failures are sorted by their noise from the first step on. Those of `splitting` that descend
     from one episode share their first steps, and are then neighbours: each family has its share of
-    the chains, to within one chain. Where there are fewer failures than chains, each starts
+    the chains, to within one chain. If there are fewer failures than chains, each starts
     several.
 
     Args:

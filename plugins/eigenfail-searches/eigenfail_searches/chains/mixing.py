@@ -19,8 +19,8 @@ FEWEST_DRAWS = 8
 def compute_r_hat(draws: Array) -> float:
     """Return R-hat: the larger one of ranks and of folded ranks, from halves of chains.
 
-    About 1 where all halves of all chains have the same distribution; infinite where no chain
-    moves, but they differ; NaN where all draws are equal.
+    About 1 if all halves of all chains have the same distribution; infinite if no chain
+    moves, but they differ; NaN if all draws are equal.
 
     Args:
         draws: values of one projection, shape (draws, chains), at least `FEWEST_DRAWS` draws.
@@ -33,7 +33,7 @@ def compute_r_hat(draws: Array) -> float:
 def compute_bulk_ess(draws: Array) -> float:
     """Return the bulk effective sample size: that of normalized ranks (section 4.3).
 
-    The number of independent draws whose mean has the same error; NaN where all draws are equal.
+    The number of independent draws whose mean has the same error; NaN if all draws are equal.
 
     Args:
         draws: values of one projection, shape (draws, chains), at least `FEWEST_DRAWS` draws.

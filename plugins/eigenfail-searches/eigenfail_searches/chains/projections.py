@@ -71,7 +71,7 @@ class WatchedDirections(NamedTuple):
         Args:
             z: shape (failures, steps, channels).
             ends: number of steps of each episode.
-            severity: of each failure; NaN where it is not known.
+            severity: of each failure; NaN if it is not known.
         """
         n, steps, channels = z.shape
         before = np.where(np.arange(steps)[:, None] < ends[:, None, None], z, 0.0)

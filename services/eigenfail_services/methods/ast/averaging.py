@@ -49,7 +49,7 @@ class PolicyAverage:
         return structs.replace(policy, hidden=tuple(hidden), mean=mean, log_std=log_std)
 
     def arrays(self) -> Arrays:
-        """Return the mean weights and the number of versions; nothing where `length` is 1."""
+        """Return the mean weights and the number of versions; nothing if `length` is 1."""
         if self._length == 1:
             return {}
         counted = np.array([self._count], np.int64)

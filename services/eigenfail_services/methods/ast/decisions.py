@@ -172,7 +172,7 @@ class Decisions(msgspec.Struct, frozen=True, eq=False):
         actions: z / amplitude, in [-1, 1], shape (n, channels).
         rewards: sum over the steps of `n_step` decisions from this one on, shape (n,).
         next_states: observed `n_step` decisions later, or at the last one, like `states`.
-        ends: 1 where the episode ended within these decisions, shape (n,).
+        ends: 1 if the episode ended within these decisions, shape (n,).
     """
 
     states: Floats

@@ -267,7 +267,7 @@ class AdaptiveStressTesting:
         return self._probability.estimate_from_sums(sums, horizon, self._get_amplitude())
 
     def estimate(self) -> Estimate | None:
-        """Return the estimate over the second half of the budget; None where hold > 1."""
+        """Return the estimate over the second half of the budget; None if hold > 1."""
         reach = self._get_amplitude()
         return self._probability.estimate(self._facts.observed, self._horizon, reach)
 

@@ -39,7 +39,7 @@ def log_weights(results: Sequence[EpisodeResult], policy: Policy) -> Array:
     """Return log p(z) − log q(z) of episodes of one policy with hold = 1, shape (n,).
 
     q(z) is the product over steps of the policy's density given its state, up to the episode's own
-    end (Siegmund 1976, Annals of Statistics 4, 673–684). NaN where a choice was almost certain.
+    end (Siegmund 1976, Annals of Statistics 4, 673–684). NaN if a choice was almost certain.
 
     Args:
         results: results of episodes of this policy, with their states.
@@ -191,7 +191,7 @@ class PolicyProbability:
         return sums.estimate(ADVICE, note) if sums.episodes else None
 
     def estimate(self, observed: int, horizon: int, amplitude: float) -> Estimate | None:
-        """Return the estimate from the campaign's own sums; None where noise is held."""
+        """Return the estimate from the campaign's own sums; None if noise is held."""
         if not self._has_density:
             return None
         told = self.estimate_from_sums(self.sums, horizon, amplitude)

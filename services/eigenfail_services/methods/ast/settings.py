@@ -48,7 +48,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
       failures among 1000 as two steps, and likelier ones.
     - `converged_share`: ending the training at less leaves a policy that fails less often.
     - `averaged`: the last version may have lost a corner of the scenario that earlier ones had. The
-      default is 1, as a training that ends with 100 failures in a row has lost nothing where it was
+      default is 1, as a training that ends with 100 failures in a row has lost nothing if it was
       trained.
     - `patience`: without restarts a seed may find a few failures where another finds hundreds.
     - `reward`: `dissimilarity` gives failures that differ more, somewhat fewer of them.

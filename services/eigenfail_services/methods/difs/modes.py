@@ -89,7 +89,7 @@ class Elite(NamedTuple):
     """Trajectories of an elite, each array of shape (n, size).
 
     Attributes:
-        z: zero where no noise was injected.
+        z: zero if no noise was injected.
         seen: whether z was injected.
         smoothed: z averaged over small shifts in time, from which means are computed.
     """
@@ -102,7 +102,7 @@ class Elite(NamedTuple):
 def prepare_elite(z: Floats, unseen: NDArray[np.bool_], shift: int) -> Elite:
     """Return an elite from z, shape (n, horizon, channels), shifted by at most `shift` steps.
 
-    Where no noise was injected, `unseen` of shape (n, horizon), z is the prior's mean: zero.
+    If no noise was injected, `unseen` of shape (n, horizon), z is the prior's mean: zero.
     """
     filled = np.where(unseen[..., None], 0.0, z).astype(np.float64)
     padded = np.pad(filled, ((0, 0), (shift, shift), (0, 0)))
@@ -168,7 +168,7 @@ def _are_distinct(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> bo
 
 
 def _compute_scatter(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> float:
-    """Return Var |y| / E[y²] of held-out trajectories, near 0 where there is a gap.
+    """Return Var |y| / E[y²] of held-out trajectories, near 0 if there is a gap.
 
     y is the distance from the centre of the two best fitting means, along their line.
     """
@@ -187,7 +187,7 @@ def _run_em(belongs: Array, trained: Array, elite: Elite) -> tuple[Array, Mixtur
 
     Args:
         belongs: initial memberships, shape (fits, n, components).
-        trained: 1 where a trajectory is part of a fit, else 0, shape (fits, n, 1).
+        trained: 1 if a trajectory is part of a fit, else 0, shape (fits, n, 1).
         elite: trajectories.
     """
     fits = _maximise(belongs, elite)

@@ -3,6 +3,13 @@
 import json
 import re
 
+from store_checks.examples import deliver, running
+
+from eigenfail.cli.connection import Place
+from eigenfail.cli.gate_runs import Runner
+from eigenfail.client import Client
+from eigenfail.testing.examples import result
+from eigenfail.values.measures import Measures
 from eigenfail_workers.planners.idm import IntelligentDriver
 
 
@@ -92,3 +99,18 @@ def test_a_gate_can_be_the_next_baseline(eigenfail, gate, suite):
     worse = eigenfail("gate", suite("usual"), *words)
     assert worse.exit_code == 1
     assert json.loads(worse.stdout)["members"][0]["known"] == []
+
+
+def test_unresolved_episodes_are_read_by_the_brakes_that_each_has(store, working_service):
+    ends = (3.5, 3.2), (3.0, 3.2), (7.5, None), (7.5, 8.0), (6.9, None), (0.0, 3.2), (8.5, 8.0)
+    campaign = running(store, episodes=len(ends))
+    given = [
+        result(n, measures=Measures(1.0, final_drac_mps2=drac, peak_braking_mps2=peak))
+        for n, (drac, peak) in enumerate(ends)
+    ]
+    deliver(store, campaign, *given)
+    client = Client("http://127.0.0.1:1", working_service(store))
+    side = Runner(client, Place("http://127.0.0.1:1"), "")._read_side(
+        store.campaigns.get(campaign.id)
+    )
+    assert sorted(side.outcomes.unresolved) == [0, 2, 6]

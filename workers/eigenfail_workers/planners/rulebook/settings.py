@@ -302,7 +302,7 @@ class RulebookSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of all parts.
 
     Attributes:
-        beside_m: lateral distance beyond which a vehicle is no neighbour.
+        beside_m: lateral distance beyond which a vehicle is not a neighbour.
     """
 
     tracker: TrackerSettings = TrackerSettings()

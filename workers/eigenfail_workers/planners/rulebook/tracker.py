@@ -130,7 +130,7 @@ class Tracker:
 
     Attributes:
         lost: number of trusted tracks that were deleted since the start of the episode.
-        losses: the same of each vehicle, by its number, where there were any.
+        losses: the same of each vehicle, by its number, if there were any.
         lost_now: numbers of the vehicles whose trusted tracks the last update deleted.
     """
 

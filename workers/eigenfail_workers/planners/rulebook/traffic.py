@@ -26,7 +26,7 @@ def find_traffic(
     Args:
         tracks: tracks of all vehicles.
         ego: the truck.
-        beside_m: lateral distance beyond which a vehicle is no neighbour.
+        beside_m: lateral distance beyond which a vehicle is not a neighbour.
         braking: tracks of vehicles with brake lights on.
     """
     lead: Neighbour | None = None

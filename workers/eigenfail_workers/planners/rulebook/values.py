@@ -21,7 +21,7 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
         aside_m: distance between the two centre lines.
         speed_mps: along the road.
         is_braking: whether its brake lights are on.
-        number: number of the vehicle, as the sensor has it; 0 for what is no vehicle.
+        number: number of the vehicle, as the sensor has it; 0 for what is not a vehicle.
     """
 
     gap_m: float
@@ -32,7 +32,7 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
 
 
 class Gap(msgspec.Struct, frozen=True, gc=False):
-    """Gap between two vehicles of the next lane; None where no vehicle bounds it.
+    """Gap between two vehicles of the next lane; None if no vehicle bounds it.
 
     Attributes:
         ahead: relative to the truck's front bumper; negative for a vehicle beside the truck.
@@ -44,7 +44,7 @@ class Gap(msgspec.Struct, frozen=True, gc=False):
 
 
 class Traffic(msgspec.Struct, frozen=True):
-    """What the truck must take into account.
+    """The traffic that the truck must take into account.
 
     Attributes:
         lead: the nearest vehicle in the truck's lane, or with the intent to enter it.
@@ -129,7 +129,7 @@ class RuleChoice(msgspec.Struct, frozen=True):
 
 
 class RuleContext(msgspec.Struct, frozen=True):
-    """What the rules take into account."""
+    """The context that the rules take into account."""
 
     traffic: Traffic
     speed_mps: float
