@@ -24,7 +24,12 @@ from eigenfail.values.disturbance import NoiseTrajectory
 from eigenfail.values.episode import EpisodeResult, EpisodeSetup, learner_seed
 from eigenfail.values.estimates import Estimate
 from eigenfail.values.learning import LearnerContext, Predecessor
-from eigenfail.values.records import FailureCourse, make_failure_course
+from eigenfail.values.records import (
+    ConflictClass,
+    FailureCourse,
+    assess,
+    make_failure_course,
+)
 from eigenfail.worlds import list_channels, world_of
 from eigenfail_services.campaigns.references import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
@@ -43,7 +48,7 @@ class Crash(NamedTuple):
 
     `prior` is what log p would be on average on the same steps, for noise from p(x) itself. The
     course is None where episodes are calls of a function, the cause where the scenario has no true
-    labels.
+    labels. The conflict is its class.
     """
 
     z: Floats
@@ -52,6 +57,7 @@ class Crash(NamedTuple):
     severity: float
     course: FailureCourse | None = None
     cause: str | None = None
+    conflict: ConflictClass | None = None
 
 
 class Found(NamedTuple):
@@ -190,6 +196,7 @@ def crash(result: EpisodeResult) -> Crash:
         float(severity or 0.0),
         scene and make_failure_course(result.index, scene.dt_s, scene.vehicles, scene.sizes),
         result.measures and result.measures.cause,
+        assess(result.outcome, result.measures).conflict,
     )
 
 

@@ -20,8 +20,7 @@ from eigenfail.values.proof import ExplainedEpisode
 from eigenfail_workers.explain import explain
 
 UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
-DURATIONS = {"dt_s", "duration_s"}
-FIXED = {*DURATIONS, "peak_braking_mps2"}
+FIXED = {"dt_s", "duration_s", "peak_braking_mps2"}
 """Parameters that keep their defaults."""
 CALM = ("override", "none"), ("qp_status", "solved")
 """What `rulebook` tells of a step that goes as planned."""

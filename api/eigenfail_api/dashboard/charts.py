@@ -75,8 +75,8 @@ class Chart(msgspec.Struct, frozen=True, kw_only=True):
         caption: how to read it, in a sentence.
         data: for the module; plain JSON, and arrays, which the page rounds.
         table: the same numbers, for readers without scripts; its notes say what it leaves out.
-        every: the table of all channels, if there are so many that the table and the chart show
-            the most influential ones at first.
+        every: the table of all channels. It is given if the chart and its table show only the most
+            influential channels.
     """
 
     id: str

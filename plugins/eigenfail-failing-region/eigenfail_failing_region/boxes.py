@@ -199,7 +199,7 @@ def _find_obstacle(asked: RegionQuestion) -> str:
 
 
 def _make_empty_region(asked: RegionQuestion, problem: str) -> Region:
-    """The sentences if there is no region."""
+    """Return a region without a box, with the reasons in sentences."""
     return Region(
         campaigns=asked.campaigns,
         scenario=asked.scenario,

@@ -36,6 +36,7 @@ from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import FAILURES, Outcome, episode_seed
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.scene import PEAK_BRAKING_MPS2
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import drawn_for
@@ -320,8 +321,9 @@ class Runner:
     def _read_side(self, campaign: Campaign) -> RerunSide:
         """Return a campaign with the outcomes of its episodes."""
         counts, list_episodes = campaign.counts, self._client.episodes.list
-        # Of the safe episodes only those that may be unresolved: by 7 m/s², or by weaker brakes.
-        ends = ("final_drac_mps2 > 7", "peak_braking_mps2 < 7 and final_drac_mps2 > 0")
+        # The safe episodes that may be unresolved, by the paper's brakes or by weaker ones.
+        peak = PEAK_BRAKING_MPS2
+        ends = (f"final_drac_mps2 > {peak}", f"peak_braking_mps2 < {peak} and final_drac_mps2 > 0")
         found = (list_episodes(campaign.id, Outcome.SAFE, filter=each) for each in ends)
         may_collide = chain.from_iterable(found)
         failures = chain.from_iterable(list_episodes(campaign.id, each) for each in FAILURES)

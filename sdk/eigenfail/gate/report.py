@@ -319,8 +319,7 @@ def describe_conclusion(report: GateReport) -> str:
         return f"{gate.run} can be a baseline (--baseline {gate.version}): {found}."
     judged = f"The gate of {gate.run} against {gate.baseline} is {report.state}"
     if report.state == INCONCLUSIVE:
-        doubts = ", ".join(report.list_doubts())
-        return f"{judged}: {doubts} may hide a new failure."
+        return f"{judged}: {', '.join(report.list_doubts())} may hide a new failure."
     if not counts:
         return f"{judged}: no failure on either side."
     return f"{judged}. Known failures, episodes and campaigns together: {counts}."

@@ -129,7 +129,7 @@ class Outcome(StrEnum):
     """How an episode ended.
 
     A violation is a failure without a collision: the episode violates another requirement of its
-    campaign. A collision that violates none, if none forbids it, counts as safe.
+    campaign. A collision that no requirement forbids counts as safe.
 
     An episode that errored could not be completed, which says nothing about the ego. "failed" is
     only its stored and sent spelling: people read `word`, and "errored" is accepted wherever an

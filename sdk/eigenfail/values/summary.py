@@ -102,8 +102,7 @@ class Errored(msgspec.Struct, frozen=True):
             )
         else:
             every = "The only episode" if self.count == 1 else f"All {self.count:,} episodes"
-            so_far = " so far" if counts.open else ""
-            text = f"{every}{so_far} errored, so there is no result"
+            text = f"{every}{' so far' if counts.open else ''} errored, so there is no result"
         return f"{text}. {self.most_frequent}".strip()
 
     @property

@@ -75,3 +75,7 @@ def test_the_baseline_is_safe(sweep):
     assert len(results) == 3**4
     assert [result for result in results if result.is_failure] == []
     assert min(result.measures.robustness_m for result in results) > 1.0
+
+
+def test_the_baseline_brakes_too_late_for_weak_brakes(sweep):
+    assert any(result.is_failure for result in sweep("idm", peak_braking_mps2=3.0))

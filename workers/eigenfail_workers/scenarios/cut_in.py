@@ -29,7 +29,7 @@ class CutInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             follows its script, so that noise cannot change the time.
         final_offset_m: final distance between the centre lines of car and truck. Below 2.25 m their
             footprints overlap laterally.
-        peak_braking_mps2: by default the paper's; a loaded truck brakes with 3 to 4 m/s².
+        peak_braking_mps2: by default the paper's; a loaded truck may brake less.
         dt_s: the frames of the paper are not known. 0.02 s over 14 s make the 700 steps that its
             log p implies.
     """

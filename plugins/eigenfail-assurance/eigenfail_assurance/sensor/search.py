@@ -141,8 +141,7 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
     def leads_up(self) -> bool:
         """Whether the search goes on at larger errors.
 
-        If few episodes failed of a method that looks for failures, there is no number because
-        failures are too rare.
+        If a method looks for failures and finds few, the reason is that failures are too rare.
         """
         is_rare = self.failures <= FEW_FAILING * self.episodes
         unseen = self.verdict is AnchorVerdict.UNKNOWN and is_rare
