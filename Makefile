@@ -7,7 +7,6 @@ INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-versio
 COMPILE = $(BIN)/python -m eigenfail_workers.compiler
 # Processes that tests start by the hundred would otherwise compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
-SOURCES := sdk api services workers plugins migrations deploy tests examples benchmarks conftest.py
 # Each folder of plugins/ is a distribution of its own, which the others do without.
 PROJECTS := $(wildcard plugins/*/pyproject.toml)
 PLUGIN_PACKAGES := $(notdir $(patsubst %/__init__.py,%,$(wildcard plugins/*/*/__init__.py)))
@@ -61,8 +60,8 @@ quick: setup ## the tests that start no services and no browser; a third of the 
 	$(BIN)/python -m pytest tests plugins -m "not service and not browser" $(SPREAD)
 
 lint: .venv/installed ## style, types, who may import whom, known flaws of packages
-	$(BIN)/ruff check $(SOURCES)
-	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(if $(PLUGIN_PACKAGES),$(BIN)/mypy $(PLUGIN_PACKAGES:%=--package %))
 	$(BIN)/lint-imports
@@ -70,8 +69,8 @@ lint: .venv/installed ## style, types, who may import whom, known flaws of packa
 	$(BIN)/python deploy/audit.py
 
 format: .venv/installed ## put the sources into the house's style
-	$(BIN)/ruff check --fix $(SOURCES)
-	$(BIN)/ruff format $(SOURCES)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
 
 bench: setup ## measure speed; ONLY=hub measures the figures whose names begin like this
 	$(BIN)/python -m benchmarks.run $(if $(ONLY),--only $(ONLY))
