@@ -1,11 +1,11 @@
-"""The paper's experiments at full scale: figures, pictures, and docs/reproduction.md from both.
+"""The paper's experiments over five seeds: figures, pictures, and docs/reproduction.md from them.
 
-`python plugins/eigenfail-reproduction/benchmarks/reproduction.py` writes the page from the run that
-is kept.
+`python plugins/eigenfail-reproduction/benchmarks/reproduction.py` writes the page from the runs
+that are kept.
 """
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from typing import NamedTuple
 sys.path.append(str(Path(__file__).parents[3]))
 
 import msgspec
+import over_seeds
 from benchmarks.episode_pool import EpisodePool
 from benchmarks.figures import RESULTS, ROOT, Figure
 from benchmarks.samples import COMMAND
@@ -21,36 +22,36 @@ from benchmarks.targets import Target
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.suites import Suite
-from eigenfail_reproduction.page import format_page, list_claims
+from eigenfail_reproduction import page, seeds
 from eigenfail_reproduction.paper import PaperReproduction
 from eigenfail_reproduction.programme import build_suite
 from eigenfail_reproduction.report import fetch_report
 from eigenfail_reproduction.statements import build_reproduction
 
+SEEDS = 5
 FILE = RESULTS / "reproduction.json"
 PAGE = ROOT / "docs" / "reproduction.md"
 FOLDER = "reproduction"
 """Of the pictures, beside the page."""
 
-PREFIXES = tuple(
-    f"paper.{table}."
-    for table in (
-        "planners",
-        "sweep",
-        "training",
-        "evaluation",
-        "generalisation",
-        "safety",
-        "components",
-        "eigenfailures",
-    )
+TABLES = (
+    "planners",
+    "sweep",
+    "training",
+    "evaluation",
+    "generalisation",
+    "safety",
+    "components",
+    "eigenfailures",
 )
-"""Of the names of figures: the tables."""
+COUNTS = ("paper.asked", "paper.holds", "paper.refuted", "paper.undecided", "paper.sweep_rows")
+PREFIXES = (*(f"paper.{table}." for table in TABLES), *COUNTS)
+"""Of the names of figures: the tables, and counts over all seeds."""
 
-LEARNT, SHOWN, OTHER = "ast", "ast evaluation", "difs evaluation"
+LEARNT, SHOWN, OTHER = "ast", "ast evaluation", "ast_paper evaluation"
 
 PICTURES = {
-    "likelihood-severity": ("", "Likelihood against severity of failures, AST and DiFS"),
+    "likelihood-severity": ("", "Likelihood against severity of failures of AST"),
     "explained-variance": ("", "Variance explained by each principal component"),
     "scores": (SHOWN, "Failures of `ast evaluation` by their first two components"),
     "eigenfailures": (SHOWN, "Eigenfailures of `ast evaluation`, and how far its failures lie off"),
@@ -60,137 +61,184 @@ PICTURES = {
 """Of a report on three campaigns, with the campaign that a picture is of, if it is of one."""
 
 
-class Run(NamedTuple):
-    """What was found, and SVG pictures by name."""
+class Runs(NamedTuple):
+    """What was found with each seed, and SVG pictures of the first one by name."""
 
-    found: PaperReproduction
+    found: tuple[PaperReproduction, ...]
     pictures: Mapping[str, bytes]
 
     def write_beside(self, claims: Path) -> None:
-        """Keep the run beside the file of the claims."""
+        """Keep the runs beside the file of the claims."""
         write(self, claims.with_name(FILE.name))
 
 
-def run_reproduction(seed: int, scale: str = "full") -> Run:
-    """What `eigenfail reproduce` finds, on a service of its own."""
-    suite = build_suite(scale, seed)
+def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | Runs]]:
+    """The runs, and every number of them; a service has workers of its own."""
+    runs = run_seeds(range(seed, seed + SEEDS))
+    yield "reproduction", runs
+    yield from list_figures(runs.found)
+
+
+def run_seeds(each: Sequence[int], scale: str = "full") -> Runs:
+    """What `eigenfail reproduce` finds with each seed, on a service of its own."""
     with (
         TemporaryDirectory() as folder,
         local_service(Plan(Path(folder), port=0)) as service,
         Client(service.address.url) as client,
     ):
-        client.suites.run(suite, on_progress=lambda _: service.check())
-        found = build_reproduction(client, suite, scale)
-        return Run(found, dict(draw_pictures(client, suite)))
+        suites = [build_suite(scale, seed) for seed in each]
+        found = tuple(run_suite(client, suite, scale) for suite in suites)
+        return Runs(found, dict(draw_pictures(client, suites[0])))
+
+
+def run_suite(client: Client, suite: Suite, scale: str) -> PaperReproduction:
+    """Run the campaigns of one seed, and build their tables."""
+    client.suites.run(suite, on_progress=lambda _: None)
+    print(f"{suite.name}, seed {suite.members[0].spec.seed}: campaigns are done", flush=True)
+    return build_reproduction(client, suite, scale)
 
 
 def draw_pictures(client: Client, suite: Suite) -> Iterator[tuple[str, bytes]]:
     """Pictures of a report, for which the service needs the plug-in that makes reports."""
     campaigns = zip(suite.members, client.suites.find(suite), strict=True)
     ids = {member.name: campaign.id for member, campaign in campaigns if campaign}
-    trained = client.analyses.create(ids[LEARNT])
-    client.analyses.wait(trained.id)
-    other = client.analyses.create(ids[OTHER])
-    client.analyses.wait(other.id)
+    for name in (LEARNT, OTHER):
+        client.analyses.wait(client.analyses.create(ids[name]).id)
     files = fetch_report(client, [ids[name] for name in (LEARNT, SHOWN, OTHER)])
     for name, (of, _) in PICTURES.items():
         file = f"{name}-campaign-{ids[of]}.svg" if of else f"{name}.svg"
         yield name, files[f"pictures/{file}"]
 
 
-def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | Run]]:
-    """The run, and every number of it; a service has workers of its own."""
-    run = run_reproduction(seed)
-    yield "reproduction", run
-    yield from figures(run.found)
-    yield prove_eigenfailures(run.found)
-
-
-def prove_eigenfailures(found: PaperReproduction) -> tuple[str, Figure]:
-    """The eigenfailures of AST's failures that fail again in the scenario that they came from."""
-    name, claim = next(
-        (name, claim)
-        for name, claim in figures(found)
-        if name == "paper.eigenfailures.ast_evaluation_the_same_scenario.eigenfailures"
+def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
+    """Every number of the tables, and counts of verdicts and of settings with an effect."""
+    yield from over_seeds.list_figures(found)
+    yield from over_seeds.list_verdicts("paper", found)
+    rows = len(list_sweep(found[0]))
+    acting = 1 + sum(has_effect(name, found) for name in list_sweep(found[0]) if name != BASE)
+    same = "paper.eigenfailures.ast_evaluation_the_same_scenario.eigenfailures"
+    proven = dict(over_seeds.list_figures(found))[same]
+    yield "cut_in.eigenfailures.reproduced", msgspec.structs.replace(proven, note=f"as {same}")
+    note = f"rows of {rows} that differ from the base with each seed, and the base"
+    yield (
+        "paper.sweep_rows_acting",
+        Figure(value=acting, unit="rows", n=rows, command=COMMAND, note=note),
     )
-    note = f"as {name}"
-    return "cut_in.eigenfailures.reproduced", msgspec.structs.replace(claim, note=note)
 
 
-def figures(found: PaperReproduction) -> Iterator[tuple[str, Figure]]:
-    """Every number of it."""
-    for name, claim in list_claims(found).items():
-        ends = claim.interval and (claim.interval.low, claim.interval.high)
-        yield (
-            name,
-            Figure(
-                value=claim.value,
-                unit=claim.unit,
-                n=claim.n,
-                interval=ends,
-                paper=claim.paper,
-                command=COMMAND,
-            ),
-        )
+BASE = "sweep base"
 
 
-def read(path: Path = FILE) -> PaperReproduction:
+def list_sweep(found: PaperReproduction) -> list[str]:
+    """The names of the campaigns of the sweep."""
+    return [row.name for one in found.tables if one.name == "sweep" for row in one.rows]
+
+
+def has_effect(row: str, found: Sequence[PaperReproduction]) -> bool:
+    """Whether a campaign of the sweep has other failures than the base with each seed."""
+    return all(
+        over_seeds.find_numbers(one, "sweep", row) != over_seeds.find_numbers(one, "sweep", BASE)
+        for one in found
+    )
+
+
+def read(path: Path = FILE) -> tuple[PaperReproduction, ...]:
     """What is kept."""
-    return msgspec.json.decode(path.read_bytes(), type=PaperReproduction)
+    return over_seeds.read(path)
 
 
-def write(run: Run, path: Path = FILE) -> None:
+def write(runs: Runs, path: Path = FILE) -> None:
     """Replace what is kept, and the pictures beside it."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(run.found), indent=2) + b"\n")
+    over_seeds.write(over_seeds.SeedRuns(runs.found), path)
     folder = path.with_name(FOLDER)
     folder.mkdir(exist_ok=True)
-    for name, picture in run.pictures.items():
+    for name, picture in runs.pictures.items():
         (folder / f"{name}.svg").write_bytes(picture)
 
 
-SEEDS = (
-    "The interval of `difs evaluation` does not tell how far another training may differ: of three "
-    "trainings of `difs` with 1,000 episodes, whose seeds are this one and the next two, 300 draws "
-    "each collided in 16.0, 15.7 and 35.3 %<!-- seeds cut_in.difs.eval300.failure_rate -->."
-)
+OPENING = """# The paper's experiments, reproduced
 
+The paper is Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial
+Autonomous Vehicles*. Its planner and its simulator are not public. This page has its experiments
+with our planner `rulebook`, our scenario `cut_in` and our simulator, so that no number is expected
+to be the same.
 
-MACHINE = "The machine of this run had two cores, and its service two workers."
-MEASURED = "All 300 episodes of each evaluation have both measures."
-UNTUNED = "Nothing was tuned to the seed."
-NOTES = {
-    **dict.fromkeys(
-        ("planners", "sweep", "generalisation", "components", "eigenfailures"), UNTUNED
-    ),
-    "training": f"{UNTUNED} {MACHINE}",
-    "evaluation": f"{UNTUNED} {MACHINE} {SEEDS}",
-    "safety": f"{UNTUNED} {MEASURED}",
-}
-"""What is said of the kept run, behind the captions of the program."""
+Of {statements} comparisons with statements of the paper {asked}<!-- claim paper.asked --> can be
+asked here: {holds}<!-- claim paper.holds --> hold, {refuted}<!-- claim paper.refuted --> do not
+hold, and {undecided}<!-- claim paper.undecided --> are not shown
+([verdicts](#verdicts-over-the-seeds)).
 
+`eigenfail reproduce --scale full --seed {first}` runs the campaigns of one seed.
 
-OF_PICTURES = """Of the same run: the training `ast`, `ast evaluation` and `difs evaluation`.
+How to read the tables:
+
+- Every campaign was run with five seeds, {first} to {last}, and 1000 more in evaluations. A number
+  is the median of the seeds, and in brackets are the smallest and the largest. Draws of
+  `monte_carlo` and of `held`, and replays, are counted over all seeds together.
+"""
+
+OF_PICTURES = """Of the first seed: the training `ast`, `ast evaluation` and `ast_paper evaluation`.
 The analyses have the default settings: modes by behaviour, noise of both axes, aligned at the
 start; of `ast` the later half of the failures, but for the tenths, which are of all. An
 eigenfailure is here the median noise of its mode's failures at each step. Influence is the sum over
 the first three components of their share of the variance × the absolute value of their entry.
 """
 
+RULES = """The numbers are those of seed {seed}.
+"""
 
-def illustrate_page(found: PaperReproduction) -> str:
-    """The page, with what other seeds gave, and the pictures of the same run behind the tables."""
-    tables = tuple(
-        msgspec.structs.replace(table, note=f"{table.note} {NOTES.get(table.name, '')}".rstrip())
-        for table in found.tables
+NOTES: Mapping[str, str] = {}
+"""What is said of the kept runs, behind the captions of the program."""
+
+
+def format_page(found: Sequence[PaperReproduction]) -> str:
+    """The page in Markdown."""
+    figures = dict(list_figures(found))
+    judged = seeds.judge_over_seeds(found)
+    counts = {
+        name: f"{figures[f'paper.{name}'].value:.0f}"
+        for name in ("asked", "holds", "refuted", "undecided")
+    }
+    opening = OPENING.format(
+        first=found[0].seed, last=found[-1].seed, statements=len(judged), **counts
     )
-    found = msgspec.structs.replace(found, tables=tables)
-    pictures = (f"![{title}]({FOLDER}/{name}.svg)\n" for name, (_, title) in PICTURES.items())
-    return "\n".join((format_page(found), "## Pictures\n", OF_PICTURES, *pictures))
+    parts = (
+        opening + page.READING + page.SETTINGS["cut_in"],
+        *over_seeds.format_tables(found, NOTES),
+        "## Verdicts over the seeds\n",
+        VERDICTS,
+        over_seeds.OF_VERDICTS,
+        *over_seeds.format_verdicts(judged, REASONS),
+        "## Rules, and numbers of one seed\n",
+        page.OF_STATEMENTS,
+        RULES.format(seed=found[0].seed),
+        *over_seeds.format_rules(found[0]),
+        "## Pictures\n",
+        OF_PICTURES,
+        *(f"![{title}]({FOLDER}/{name}.svg)\n" for name, (_, title) in PICTURES.items()),
+    )
+    return "\n".join(parts)
+
+
+VERDICTS = """\
+A statement is judged with each seed, as the column *holds if* of the next table says. It *holds* if
+it does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
+half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*.
+*Undecided* are seeds in which it was asked, and an interval includes no difference; where no more
+seeds refute a statement than are undecided, its verdict says *not shown*.
+"""
+
+REASONS: Mapping[tuple[str, str], str] = {}
+"""Why each statement holds, does not hold or cannot be asked, by statement and subject."""
 
 
 TRIALS = (((*PREFIXES, "cut_in.eigenfailures."), find),)
-TARGETS = {"cut_in.eigenfailures.reproduced": Target(low=1.0, paper=1.0)}
+TARGETS = {
+    "cut_in.eigenfailures.reproduced": Target(low=1.0, paper=1.0),
+    "paper.asked": Target(low=24.0),
+    "paper.sweep_rows_acting": Target(low=14.0),
+}
 
 
 if __name__ == "__main__":
-    PAGE.write_text(illustrate_page(read()), encoding="utf-8")
+    PAGE.write_text(format_page(read()), encoding="utf-8")

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 sys.path.append(str(Path(__file__).parents[3]))
 
 import msgspec
-import reproduction
+import over_seeds
 from benchmarks.episode_pool import EpisodePool
 from benchmarks.figures import RESULTS, ROOT, Figure
 from benchmarks.learning_figures import of_seeds
@@ -24,8 +24,8 @@ from eigenfail.hosting.service import Plan, local_service
 from eigenfail.values.estimates import Interval
 from eigenfail_reproduction import seeds
 from eigenfail_reproduction.page import PREFIXES as NAMES
-from eigenfail_reproduction.page import format_our_number, format_tables
-from eigenfail_reproduction.paper import PaperNumber, PaperReproduction, PaperTable
+from eigenfail_reproduction.page import format_our_number, format_tables, list_claims
+from eigenfail_reproduction.paper import PaperNumber, PaperReproduction
 from eigenfail_reproduction.programme import LEARNERS, build_suite
 from eigenfail_reproduction.statements import build_reproduction
 from eigenfail_reproduction.tables import FAILURE_RATE
@@ -36,18 +36,16 @@ SEEDS = 5
 FILE = RESULTS / "reproduction_drive.json"
 PAGE = ROOT / "docs" / "reproduction_drive.md"
 
-PREFIXES = ("paper.drive.", "paper.asked", *(f"paper.{learner}." for learner in LEARNERS))
-"""Of the names of figures: the first seed and the counts of verdicts, and learners over seeds."""
+PREFIXES = ("paper.drive.",)
+"""Of the names of figures: the first seed, the counts of verdicts, and learners over seeds."""
 
 
-class SeedRuns(msgspec.Struct, frozen=True):
-    """What was found with each seed."""
-
-    found: tuple[PaperReproduction, ...]
+class SeedRuns(over_seeds.SeedRuns, frozen=True):
+    """What was found with each seed, which is kept in a file."""
 
     def write_beside(self, claims: Path) -> None:
         """Keep the runs beside the file of the claims."""
-        write(self, claims.with_name(FILE.name))
+        over_seeds.write(self, claims.with_name(FILE.name))
 
 
 def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | SeedRuns]]:
@@ -73,73 +71,48 @@ def run_seeds(client: Client, seed: int) -> Iterator[PaperReproduction]:
 
 def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
     """Every number of the first seed, counts of verdicts, and failure rates over the seeds."""
-    yield from reproduction.figures(found[0])
-    judged = seeds.judge_over_seeds(found)
-    yield "paper.asked", count(seeds.count_asked(judged), judged)
-    for name, verdict in (
-        ("holds", seeds.SeedVerdict.HOLDS),
-        ("refuted", seeds.SeedVerdict.DOES_NOT_HOLD),
-    ):
-        of = [one for one in judged if one.verdict is verdict and one.is_shown]
-        yield f"paper.drive.{name}", count(len(of), judged)
-    unshown = [one for one in judged if is_undecided(one)]
-    yield "paper.drive.undecided", count(len(unshown), judged)
+    for name, claim in list_claims(found[0]).items():
+        ends = claim.interval and (claim.interval.low, claim.interval.high)
+        yield (
+            name,
+            Figure(
+                value=claim.value,
+                unit=claim.unit,
+                n=claim.n,
+                interval=ends,
+                paper=claim.paper,
+                command=COMMAND,
+            ),
+        )
+    yield from over_seeds.list_verdicts(PREFIX, found)
     for learner in LEARNERS:
-        yield f"paper.{learner}.eval300.failure_rate", pool_rates(found[:1], learner)
-        yield f"paper.{learner}.eval100.failure_rate", pool_rates(found[1:], learner)
+        place = f"{PREFIX}.learners.{learner}"
+        yield f"{place}.eval300.failure_rate", pool_rates(found[:1], learner)
+        yield f"{place}.eval100.failure_rate", pool_rates(found[1:], learner)
         rates = [find_rate(each, "training", learner) for each in found[1:]]
         shares = [rate.value for rate in rates]
         figure = of_seeds(shares, "share", rates[0].n, f"; scenario {SCENARIO}")
-        yield f"paper.{learner}.train300.failure_rate", figure
-
-
-def is_undecided(judged: seeds.JudgedStatement) -> bool:
-    """Whether a statement was asked, and its verdict rests on seeds that are undecided."""
-    return judged.verdict is not seeds.SeedVerdict.CANNOT_BE_ASKED and not judged.is_shown
-
-
-def count(value: int, judged: Sequence[seeds.JudgedStatement]) -> Figure:
-    """A number of statements, of all."""
-    note = f"of {len(judged)} statements, over the seeds of {SCENARIO}"
-    return Figure(value=float(value), unit="statements", n=len(judged), command=COMMAND, note=note)
+        yield f"{place}.train300.failure_rate", figure
 
 
 def pool_rates(found: Sequence[PaperReproduction], learner: str) -> Figure:
     """The failure rate of draws from the searchers of some seeds, equally many from each."""
     rates = [find_rate(each, "evaluation", f"{learner} evaluation") for each in found]
-    pooled = [number for rate in rates for number in spell_draws(rate)]
+    pooled = [draw for rate in rates for draw in over_seeds.spell_draws(rate)]
     figure = share(pooled)
     spread = of_seeds([rate.value for rate in rates], "share", len(pooled))
     note = f"scenario {SCENARIO}; draws from what was trained; {spread.note}"
     return msgspec.structs.replace(figure, spread=spread.spread, note=note)
 
 
-def spell_draws(rate: PaperNumber) -> list[bool]:
-    """Whether each of the draws behind a rate failed, in any order."""
-    failures = round((rate.value or 0.0) * rate.n)
-    return [True] * failures + [False] * (rate.n - failures)
-
-
 def find_rate(found: PaperReproduction, table: str, row: str) -> PaperNumber:
     """The failure rate of a campaign."""
-    return find_numbers(found, table, row)["failure_rate"]
-
-
-def find_numbers(found: PaperReproduction, name: str, row: str) -> Mapping[str, PaperNumber]:
-    """The numbers of a row, by the name of their column."""
-    table: PaperTable = next(one for one in found.tables if one.name == name)
-    numbers = next(one.numbers for one in table.rows if one.name == row)
-    return {column.name: one for column, one in zip(table.columns, numbers, strict=True)}
+    return over_seeds.find_numbers(found, table, row)["failure_rate"]
 
 
 def read(path: Path = FILE) -> tuple[PaperReproduction, ...]:
     """What is kept."""
-    return msgspec.json.decode(path.read_bytes(), type=SeedRuns).found
-
-
-def write(runs: SeedRuns, path: Path = FILE) -> None:
-    """Replace what is kept."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(runs), indent=2) + b"\n")
+    return over_seeds.read(path)
 
 
 OPENING = """# The paper's experiments on a drive
@@ -187,7 +160,7 @@ says how its tables are read.
   includes no difference; where no more seeds refute a statement than are undecided, its verdict
   says *not shown*.
 
-Of {statements} statements {asked}<!-- claim paper.asked --> can be asked:
+Of {statements} statements {asked}<!-- claim paper.drive.asked --> can be asked:
 {holds}<!-- claim paper.drive.holds --> hold, {refuted}<!-- claim paper.drive.refuted --> are
 refuted, and {undecided}<!-- claim paper.drive.undecided --> are not shown. The other one is about a
 setting without an effect.
@@ -202,49 +175,29 @@ def format_page(found: Sequence[PaperReproduction]) -> str:
         first=found[0].seed,
         last=found[-1].seed,
         statements=len(judged),
-        asked=f"{figures['paper.asked'].value:.0f}",
+        asked=f"{figures['paper.drive.asked'].value:.0f}",
         **{
             name: f"{figures[f'paper.drive.{name}'].value:.0f}"
             for name in ("holds", "refuted", "undecided")
         },
     )
-    parts = (opening, *format_verdicts(found, judged), *format_learners(found, figures))
+    parts = (
+        opening,
+        "## Verdicts over the seeds\n",
+        over_seeds.OF_VERDICTS + ONE_SEED,
+        *over_seeds.format_verdicts(judged, REASONS),
+        "## Rules, and numbers of one seed\n",
+        RULES.format(seed=found[0].seed),
+        *over_seeds.format_rules(found[0]),
+        *format_learners(found, figures),
+    )
     return "\n".join((*parts, *format_tables(found[0])))
 
 
-OF_VERDICTS = """\
-The numbers are those of seeds in which the statement holds, is refuted, is undecided, and cannot be
-asked. A statement with one seed is about campaigns of the first one alone.
+RULES = """The numbers are those of seed {seed}, whose tables are below.
 """
-
-
-def format_verdicts(
-    found: Sequence[PaperReproduction], judged: Sequence[seeds.JudgedStatement]
-) -> Iterator[str]:
-    """The table of verdicts, and that of the rules with the numbers of the first seed."""
-    yield "## Verdicts over the seeds\n"
-    yield OF_VERDICTS
-    yield "| the paper | judged by | verdict | holds | refuted | undecided | not asked | why |"
-    yield "|---|---|---|--:|--:|--:|--:|---|"
-    for one in judged:
-        verdict = f"{one.verdict}{' (not shown)' * is_undecided(one)}"
-        counts = f"{one.held} | {one.refuted} | {one.undecided} | {one.unasked}"
-        yield (
-            f"| {one.paper} | {name_subject(one.subject)} | {verdict} | {counts} | "
-            f"{REASONS[one.paper, one.subject]} |"
-        )
-    yield ""
-    yield "## Rules, and numbers of one seed\n"
-    yield f"The numbers are those of seed {found[0].seed}, whose tables are below.\n"
-    yield "| the paper | holds if | numbers |\n|---|---|---|"
-    for one in found[0].statements:
-        yield f"| {one.paper} | {one.rule} | {one.figures} |"
-    yield ""
-
-
-def name_subject(subject: str) -> str:
-    """The learners that a statement was judged by, as code."""
-    return ", ".join(f"`{name}`" for name in subject.split(", ") if name) or "–"
+ONE_SEED = """A statement with one seed is about campaigns of the first one alone.
+"""
 
 
 OF_LEARNERS = """\
@@ -271,16 +224,16 @@ def format_learners(
                 f"{PREFIX}.training.{learner}.failure_rate",
                 find_rate(first, "training", learner),
             ),
-            mark_figure(f"paper.{learner}.eval300.failure_rate", figures),
+            mark_figure(f"{PREFIX}.learners.{learner}.eval300.failure_rate", figures),
             mark_seeds(
-                f"paper.{learner}.train300.failure_rate",
+                f"{PREFIX}.learners.{learner}.train300.failure_rate",
                 [find_rate(each, "training", learner) for each in others],
             ),
             mark_seeds(
-                f"paper.{learner}.eval100.failure_rate",
+                f"{PREFIX}.learners.{learner}.eval100.failure_rate",
                 [find_rate(each, "evaluation", f"{learner} evaluation") for each in others],
             ),
-            mark_figure(f"paper.{learner}.eval100.failure_rate", figures),
+            mark_figure(f"{PREFIX}.learners.{learner}.eval100.failure_rate", figures),
         )
         yield f"| `{learner}` | {' | '.join(cells)} |"
     yield ""

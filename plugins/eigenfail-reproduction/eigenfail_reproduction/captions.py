@@ -21,8 +21,8 @@ SEARCHED = (
 MEANS = (
     "Log p (natural logarithm of the density of the errors in metres, summed over the steps) and "
     "severity (squared relative speed at the collision) are means over the failures; log p per "
-    "step is the sum over all failures ÷ their steps. Log p is not comparable with the paper's, "
-    "which does not give its number of steps."
+    "step is the sum over all failures ÷ their steps. The paper does not give its number of steps, "
+    "which its log p depends on."
 )
 COST = (
     "Instance-hours are the time that this campaign was active on one instance, in one run; cost "
@@ -33,22 +33,24 @@ COST = (
     "instance at that price."
 )
 PAPERS = "of its own planner, simulator and settings, also beside our defaults."
-NOT_SWEPT = (
-    "Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005, "
-    "learning_rate 3e-4, batch_size 64, buffer_size 100,000, four gradient steps for each decision "
-    "and our defaults. The paper also varies tau and buffer_size, which have no effect here, for "
-    "the reason given beside the statements."
-)
 OF_PLANNERS = (
     f"One Monte Carlo campaign of each planner. {DRAWN} Severity is the mean over the failures "
     "(squared relative speed). The paper's numbers are of its own planner and of its IDM; it gives "
     "neither their number of episodes nor the episodes over which severity is averaged."
 )
-LARGEST_NOT_SWEPT = (
+OF_SWEEP = (
     "Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005, "
-    "learning_rate 3e-4, batch_size 64, buffer_size 100,000, four gradient steps for each decision "
-    "and our defaults. The paper's buffer_size of 1,000,000 would give the base again: 300 "
-    "episodes have fewer than 100,000 decisions."
+    "learning_rate 3e-4, batch_size 64, buffer_size 100,000 and four gradient steps for each "
+    "decision."
+)
+SMALLER_BUFFERS = (
+    f"{OF_SWEEP} Buffers are named by the paper's numbers of decisions. They hold a fiftieth of "
+    "them, as an action here lasts for 50 steps: as many episodes as the paper's buffers do if "
+    "each of its steps has an action."
+)
+WHOLE_BUFFERS = (
+    f"{OF_SWEEP} Its other settings are our defaults. The paper's buffer_size of 1,000,000 would "
+    "give the base again: 300 episodes have fewer than 100,000 decisions."
 )
 OF_PAPERS_SWEEP = (
     "The paper's numbers are of 300 episodes each, of the same values with its own planner and "
@@ -59,8 +61,9 @@ OF_TRAINING = (
     f"1,000 episodes each, {PAPERS}"
 )
 OF_EVALUATION = (
-    "Draws from p(x) (`monte_carlo`), and from what each training left, which learns nothing "
-    f"more. {DRAWN} {ONE_SEARCHER} {MEANS} {COST} The paper's numbers are of 2,000 episodes "
+    "Draws from p(x) (`monte_carlo`), from p(x) with each draw held for a second (`held`), and "
+    f"from what each training left, which learns nothing more. {DRAWN} {ONE_SEARCHER} {MEANS} "
+    f"{COST} The paper's numbers are of 2,000 episodes "
     f"of Monte Carlo and 300 each of the others, {PAPERS}"
 )
 OF_MOVES = (
@@ -75,7 +78,7 @@ OF_SAFETY = (
     "Brackets hold Wilson's 95 % interval of independent draws from that one trained "
     "searcher; where none or all are counted, an exact one-sided 95 % bound. Ends and bounds are "
     "rounded outwards. Median and worst (smallest MinTTC, largest DRAC) are over the episodes in "
-    "which the truck ever closed in; in one that collides, up to the last step of 0.1 s before the "
+    "which the truck ever closed in; in one that collides, up to the last step before the "
     f"contact. The paper's shares are its counts ({SAFETY_COUNTS}) of {SAFETY_EPISODES} episodes "
     "of DiFS; it does not say over which of them its medians are, and has none of AST."
 )
@@ -119,7 +122,7 @@ class ScenarioCaptions(msgspec.Struct, frozen=True):
 CAPTIONS: Mapping[str, ScenarioCaptions] = MappingProxyType(
     {
         "cut_in": ScenarioCaptions(
-            sweep=NOT_SWEPT,
+            sweep=SMALLER_BUFFERS,
             moves=(
                 "What was trained with the cut-in at distance_m 58, evaluated there and where it "
                 "begins 5 m further (`plus5`) and nearer (`minus5`)."
@@ -132,7 +135,7 @@ CAPTIONS: Mapping[str, ScenarioCaptions] = MappingProxyType(
             components=OF_COMPONENTS,
         ),
         "highway_drive": ScenarioCaptions(
-            sweep=LARGEST_NOT_SWEPT,
+            sweep=WHOLE_BUFFERS,
             moves=(
                 "What was trained with follower_gap_m 9, slow_gap_m 78.5 and cut_in_distance_m 57, "
                 "evaluated there, with larger gaps (`farther`: 10, 80, 60) and with smaller ones "

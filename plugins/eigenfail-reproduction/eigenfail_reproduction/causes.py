@@ -10,7 +10,7 @@ from eigenfail.values.proof import Proof
 from eigenfail.values.safety import Safety, Scatter
 from eigenfail_reproduction.judgements import FEWEST_FAILURES, Judgement, agree
 from eigenfail_reproduction.paper import MODES, PaperStatement
-from eigenfail_reproduction.programme import STEP_S, ScenarioProgramme
+from eigenfail_reproduction.programme import ScenarioProgramme
 from eigenfail_reproduction.tables import Analyses, list_readings
 
 AXES = ("longitudinal", "lateral")
@@ -62,7 +62,7 @@ def judge_causes(
         if name in causes:
             yield _judge_influence(name, found["joint", "collision"])
         else:
-            yield _judge_largest_entries(name, found)
+            yield _judge_largest_entries(name, found, programme.step_s)
     for name, found in readings.items():
         if name in causes:
             yield _judge_modes_by_cause(name, found["joint", "collision"], causes[name])
@@ -140,8 +140,10 @@ def _describe_alignments(alignments: Sequence[str]) -> str:
     return f"{where} (does not hold: more with both)" if both else f"{where} (does not hold: more)"
 
 
-def _judge_largest_entries(name: str, readings: Readings) -> PaperStatement:
-    before_s = {axis: _time_largest_entries(readings[axis, "collision"], axis) for axis in AXES}
+def _judge_largest_entries(name: str, readings: Readings, step_s: float) -> PaperStatement:
+    before_s = {
+        axis: _time_largest_entries(readings[axis, "collision"], axis, step_s) for axis in AXES
+    }
     late = [time <= JUST_BEFORE_S for times in before_s.values() for time in times]
     figures = "; ".join(
         f"{axis} {', '.join(f'{time:g}' for time in times)} s" for axis, times in before_s.items()
@@ -186,11 +188,11 @@ def _judge_influence(name: str, result: AnalysisResult) -> PaperStatement:
     )
 
 
-def _time_largest_entries(result: AnalysisResult, axis: str) -> list[float]:
+def _time_largest_entries(result: AnalysisResult, axis: str, step_s: float) -> list[float]:
     """Return how long before the collision each component is largest. [s]"""
     entries = abs(result.components[:, :, result.channels.index(axis)])
     steps = entries.shape[1]
-    return [round((steps - int(course.argmax())) * STEP_S, 9) for course in entries if course.any()]
+    return [round((steps - int(course.argmax())) * step_s, 9) for course in entries if course.any()]
 
 
 def _judge_modes(name: str, readings: Readings) -> PaperStatement:

@@ -64,6 +64,7 @@ class Scale(StrEnum):
 REPORTED = (
     "monte_carlo rulebook",
     "monte_carlo idm",
+    "held",
     "ast",
     "ast evaluation",
     "ast_paper evaluation",

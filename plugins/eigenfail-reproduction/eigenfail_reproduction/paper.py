@@ -121,19 +121,11 @@ SWEEP: Rows = MappingProxyType(
         "sweep learning_rate=5e-05": _publish(3, -1885.44, 119.94),
         "sweep batch_size=16": _publish(100, -4014.96, 175.52),
         "sweep batch_size=256": _publish(96, -7250.31, 165.64),
-    }
-)
-
-LONG_SWEEP: Rows = MappingProxyType(
-    {
-        **SWEEP,
         "sweep tau=0.001": _publish(99, -3218.86, 136.15),
         "sweep tau=0.01": _publish(98, -4002.00, 155.10),
         "sweep buffer_size=10000": _publish(98, -3861.41, 131.12),
     }
 )
-"""With the rows that have an effect where episodes have more decisions."""
-
 TRAINING: Rows = MappingProxyType(
     {
         "ast_paper": {**_publish(87.7, -4506.13, 152.63), "cost_usd": 0.012},
@@ -144,6 +136,7 @@ TRAINING: Rows = MappingProxyType(
 EVALUATION: Rows = MappingProxyType(
     {
         "monte_carlo rulebook": {"failure_rate": 0.0},
+        "held": {},
         "ast_paper evaluation": {**_publish(94.6, -2870.26, 164.75), "cost_usd": 0.023},
         "difs_paper evaluation": {**_publish(3.1, -1490.71, 115.21), "cost_usd": 0.518},
     }

@@ -17,11 +17,7 @@ FRESH = 1000
 """Added to a seed: what was learnt is evaluated on draws that training never saw."""
 
 GRADIENT_STEPS = 4
-"""Of AST with the paper's settings, for each decision; the paper gives no number. Ten decisions an
-episode with one step each learn too little at its learning rates."""
-
-STEP_S = 0.1
-"""Duration of a step in every scenario of `PROGRAMMES`."""
+"""Of AST with the paper's settings, for each decision; the paper gives no number."""
 
 SWEPT: Mapping[str, Any] = MappingProxyType(
     {
@@ -34,7 +30,7 @@ SWEPT: Mapping[str, Any] = MappingProxyType(
         "gradient_steps": GRADIENT_STEPS,
     }
 )
-"""Settings of the paper's sweep; all others have the defaults of this release."""
+"""Settings of the paper's sweep; all others are those of the programme, or our defaults."""
 
 SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
     {
@@ -42,23 +38,12 @@ SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
         "c_dist": (100, 5000),
         "learning_rate": (1e-3, 1e-4, 5e-5),
         "batch_size": (16, 256),
+        "tau": (0.001, 0.01),
+        "buffer_size": (10_000,),
     }
 )
-"""Each varied alone; a value of the paper's table that is the default is run once.
-
-The paper also varies tau and the size of the buffer. Neither has an effect in `cut_in`: an episode
-has at most ten decisions, as many as `n_step` sums, so that the target critics are never used, and
-all decisions of 300 episodes fit into the smallest buffer.
-"""
-
-LONG_SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
-    {**SWEEP, "tau": (0.001, 0.01), "buffer_size": (10_000,)}
-)
-"""The sweep where episodes have more decisions than `n_step` sums.
-
-300 episodes have up to 12,600 decisions, fewer where many end early: the paper's buffer of
-1,000,000 would give the episodes of the base, and one of 10,000 may give them, too.
-"""
+"""Each varied alone. The paper's buffer of 1,000,000 would give the episodes of the base: 300
+episodes have fewer decisions than fit into 100,000."""
 
 CHOSEN: Mapping[str, Any] = MappingProxyType(
     {
@@ -73,6 +58,20 @@ CHOSEN: Mapping[str, Any] = MappingProxyType(
 )
 """What the paper chose for its main runs."""
 
+HELD_S = 1.0
+"""Duration of an action, and of one draw of held noise."""
+
+PAPER_GUIDANCE = 2.0
+"""Weight of the condition with the paper's schedule; the paper gives no number.
+
+In trials with the seeds 11 and 12 on `cut_in` with 100 steps, which no printed campaign has, the
+draws after both trainings failed about as often as the paper's 3.1 % with weights of 1.5 to 2, and
+hardly ever with less.
+"""
+
+LEARNERS = ("ast", "ast_paper", "difs", "difs_paper")
+"""Searches with our settings, and with the paper's."""
+
 
 class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
     """The paper's experiments in one scenario.
@@ -83,7 +82,12 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
         parameters: parameters of the scenario in which every training takes place.
         moved: parameters of the similar scenarios that AST's policy is also evaluated in, by the
             last word of the member's name.
-        sweep: values of each setting of the sweep.
+        step_s: duration of a step. [s]
+        planners: settings of each planner, by its name.
+        ours: settings of `ast` besides its defaults.
+        papers: settings of `ast_paper` and of the sweep that the paper does not vary.
+        actions: number of the paper's actions that one of ours replaces. Buffers of the sweep are
+            smaller by this factor, so that they hold as many episodes as the paper's.
         every_vehicle: whether the noise is on every vehicle; otherwise it is on the nearest one.
         importance: what searches follow in episodes without a collision; None: the smallest
             distance to another vehicle, as in the paper.
@@ -93,7 +97,11 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
     scenario: str
     parameters: Mapping[str, float]
     moved: Mapping[str, Mapping[str, float]]
-    sweep: Mapping[str, tuple[Any, ...]]
+    step_s: float
+    planners: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+    ours: Mapping[str, Any] = MappingProxyType({})
+    papers: Mapping[str, Any] = MappingProxyType({})
+    actions: int = 1
     every_vehicle: bool = False
     importance: AnyRequirement | None = None
 
@@ -102,17 +110,69 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
         """Names of the longitudinal and the lateral noise in analyses."""
         return EVERY_AXES if self.every_vehicle else AXES
 
+    @property
+    def hold(self) -> int:
+        """Number of steps for which an action stays."""
+        return round(HELD_S / self.step_s)
+
+    @property
+    def learners(self) -> Mapping[str, tuple[str, Mapping[str, Any]]]:
+        """Method and settings of each of `LEARNERS`."""
+        return {
+            "ast": ("ast", self.ours),
+            "ast_paper": ("ast", {**CHOSEN, **self.papers}),
+            "difs": ("difs", {}),
+            "difs_paper": ("difs", {"schedule": "paper", "guidance": PAPER_GUIDANCE}),
+        }
+
+    def plan_swept(self, **varied: Any) -> dict[str, Any]:
+        """Return the settings of the sweep's base, or of a row that varies one of them."""
+        settings = {**SWEPT, **self.papers, **varied}
+        return settings | {"buffer_size": settings["buffer_size"] // self.actions}
+
 
 EVERY_AXES = ("every.longitudinal", "every.lateral")
+
+STEP_S, HOLD = 0.02, 50
+"""Of `cut_in`. [s, steps]"""
+
+FREQUENCY = 5
+"""Measurements for each one of the default step of 0.1 s."""
 
 PROGRAMMES: Mapping[str, ScenarioProgramme] = MappingProxyType(
     {
         "cut_in": ScenarioProgramme(
             name="paper",
             scenario="cut_in",
-            parameters={"distance_m": 58.0},
+            parameters={
+                "distance_m": 58.0,
+                "dt_s": STEP_S,
+                "duration_s": 14.0,
+                "initial_gap_m": 140.0,
+            },
             moved={"plus5": {"distance_m": 63.0}, "minus5": {"distance_m": 53.0}},
-            sweep=SWEEP,
+            step_s=STEP_S,
+            planners={
+                "rulebook": {
+                    "tracker": {
+                        "misses_to_delete": 8 * FREQUENCY,
+                        "hits_to_confirm": 5 * FREQUENCY,
+                        "tentative_misses": 2 * FREQUENCY,
+                        "range_acceleration_mps2": 0.6708,
+                        "lateral_acceleration_mps2": 0.3354,
+                    },
+                    "intent": {"commit": 5 * FREQUENCY},
+                }
+            },
+            ours={"hold": HOLD, "alpha": 2100.0, "c_dist": 210.0, "entropy": 280.0},
+            papers={
+                "hold": HOLD,
+                "n_step": 1,
+                "gamma": 0.99,
+                "patience": None,
+                "trainer": "sb3",
+            },
+            actions=HOLD,
         ),
         "highway_drive": ScenarioProgramme(
             name="paper highway_drive",
@@ -122,14 +182,21 @@ PROGRAMMES: Mapping[str, ScenarioProgramme] = MappingProxyType(
                 "farther": {"follower_gap_m": 10.0, "slow_gap_m": 80.0, "cut_in_distance_m": 60.0},
                 "nearer": {"follower_gap_m": 8.0, "slow_gap_m": 77.0, "cut_in_distance_m": 54.0},
             },
-            sweep=LONG_SWEEP,
+            step_s=0.1,
             every_vehicle=True,
             importance=MeasureLimit(measure="min_ttc_s", at_least=0.0),
         ),
     }
 )
-"""By scenario. On `highway_drive` there is the paper's noise on every vehicle, and all gaps are
-moved together, as far as their bounds allow.
+"""By scenario. `cut_in` has the number of steps that the paper's log p implies: 700, of 0.02 s
+(`examples/paper_steps.toml`). Sensors measure five times as often as with steps of 0.1 s: the
+counts of the tracker are five times as large, and its noise of acceleration is √5 times as large,
+so that both are the same per second. An action lasts a second, as with the default settings and
+steps of 0.1 s. Log p of an episode is seven times as large, and so are our penalties for no failure
+and our initial entropy.
+
+On `highway_drive` there is the paper's noise on every vehicle, and all gaps are moved together, as
+far as their bounds allow.
 
 Searches on `highway_drive` follow the smallest time to collision: the smallest distance is the same
 in every drive without a collision, that of the car that passes in the next lane, and leads nowhere.
@@ -162,23 +229,6 @@ SCALES: Mapping[str, ProgrammeScale] = MappingProxyType(
 )
 """`full` has the paper's numbers of episodes; `learners` are those of `small` that are trained."""
 
-PAPER_GUIDANCE = 2.0
-"""Weight of the condition with the paper's schedule; the paper gives no number.
-
-In trials with the seeds 11 and 12, which no printed campaign has, the draws after both trainings
-failed about as often as the paper's 3.1 % with weights of 1.5 to 2, and hardly ever with less.
-"""
-
-LEARNERS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
-    {
-        "ast": ("ast", {}),
-        "ast_paper": ("ast", CHOSEN),
-        "difs": ("difs", {}),
-        "difs_paper": ("difs", {"schedule": "paper", "guidance": PAPER_GUIDANCE}),
-    }
-)
-"""Method and settings: as they are here by default, and as they are in the paper."""
-
 
 def build_suite(scale: str, seed: int | None = None, scenario: str = "cut_in") -> Suite:
     """Build the suite of the paper's campaigns; evaluations name the member that they evaluate.
@@ -197,9 +247,9 @@ def build_suite(scale: str, seed: int | None = None, scenario: str = "cut_in") -
     programme, episodes = find_programme(scenario), SCALES[scale]
     name = f"{programme.name} {scale}"
     members = (
-        *_plan_planners(episodes),
+        *_plan_draws(programme, episodes),
         *_plan_sweep(programme, episodes),
-        *_plan_learners(episodes),
+        *_plan_learners(programme, episodes),
         *_plan_evaluations(programme, episodes),
     )
     chosen = episodes.seed if seed is None else seed
@@ -220,7 +270,8 @@ def find_programme(scenario: str) -> ScenarioProgramme:
 MemberFields = tuple[str, dict[str, Any]]
 
 
-def _plan_planners(scale: ProgrammeScale) -> Iterator[MemberFields]:
+def _plan_draws(programme: ScenarioProgramme, scale: ProgrammeScale) -> Iterator[MemberFields]:
+    """Plan noise without learning: from p(x) for each planner, and held for a second."""
     if not scale.monte_carlo:
         return
     for planner in ("rulebook", "idm"):
@@ -228,20 +279,21 @@ def _plan_planners(scale: ProgrammeScale) -> Iterator[MemberFields]:
             f"monte_carlo {planner}",
             {"method": "monte_carlo", "planner": planner, "episodes": scale.monte_carlo},
         )
+    yield "held", _plan_training("held", {"hold": programme.hold}, scale.monte_carlo)
 
 
 def _plan_sweep(programme: ScenarioProgramme, scale: ProgrammeScale) -> Iterator[MemberFields]:
     if not scale.sweep:
         return
-    yield "sweep base", _plan_training("ast", SWEPT, scale.sweep)
-    for name, values in programme.sweep.items():
+    yield "sweep base", _plan_training("ast", programme.plan_swept(), scale.sweep)
+    for name, values in SWEEP.items():
         for value in values:
-            settings = {**SWEPT, name: value}
+            settings = programme.plan_swept(**{name: value})
             yield f"sweep {name}={value}", _plan_training("ast", settings, scale.sweep)
 
 
-def _plan_learners(scale: ProgrammeScale) -> Iterator[MemberFields]:
-    for name, (method, settings) in LEARNERS.items():
+def _plan_learners(programme: ScenarioProgramme, scale: ProgrammeScale) -> Iterator[MemberFields]:
+    for name, (method, settings) in programme.learners.items():
         yield name, _plan_training(method, settings, scale.training)
 
 
@@ -276,6 +328,7 @@ def _make_member(
     usual = {
         "scenario": programme.scenario,
         "scenario_parameters": dict(programme.parameters),
+        "planner_settings": programme.planners.get(fields.get("planner", "rulebook"), {}),
         "seed": seed + FRESH if fields["method"] == "evaluate" else seed,
         "disturbance": _make_disturbance(programme),
     }

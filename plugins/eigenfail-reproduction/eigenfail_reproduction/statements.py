@@ -67,20 +67,6 @@ UNCERTAIN = "The difference is uncertain."
 NOT_TESTED = "The cause was not tested."
 NO_EFFECT = "The setting has no effect in these runs: the campaigns have the same failures."
 
-SWEEP_REASONS: Mapping[str, Mapping[str, str]] = {
-    "cut_in": {
-        "batch_size": "A possible cause, not tested: 300 episodes have at most 3,000 decisions "
-        "here, and gradients over 16 of them are noisy.",
-        "alpha": "A possible cause, not tested: the paper's log p is thousands below zero, beside "
-        "which an alpha of 500 is small; here it is a few hundred below zero, so that this alpha "
-        "may still dominate.",
-        "c_dist": "A possible cause, not tested: c_dist scales the returns, and critics with the "
-        "same learning rate learn larger returns more slowly.",
-    },
-}
-"""Why a statement about a setting of the sweep does not hold, by scenario; otherwise the cause was
-not tested."""
-
 
 def judge_campaigns(
     summaries: Summaries, safeties: Safeties, compare: Compare, programme: ScenarioProgramme
@@ -94,7 +80,7 @@ def judge_campaigns(
         for suffix in SUFFIXES:
             yield _judge_monte_carlo(suffix, summaries)
     if "sweep base" in summaries:
-        yield from _judge_sweep(summaries, safeties, compare, programme)
+        yield from _judge_sweep(summaries, safeties, compare)
     for suffix in SUFFIXES:
         yield _judge_difs(suffix, summaries, safeties)
     for suffix in SUFFIXES:
@@ -102,20 +88,15 @@ def judge_campaigns(
 
 
 def _judge_sweep(
-    summaries: Summaries, safeties: Safeties, compare: Compare, programme: ScenarioProgramme
+    summaries: Summaries, safeties: Safeties, compare: Compare
 ) -> Iterator[PaperStatement]:
-    reasons = SWEEP_REASONS.get(programme.scenario, {})
-    judged = {
-        "batch_size": _judge_batch_size(summaries, safeties, compare),
-        "alpha": _judge_alpha(summaries, safeties, compare),
-        "c_dist": _judge_c_dist(summaries, safeties, compare),
-    }
-    for setting, statement in judged.items():
-        why = reasons.get(setting, NOT_TESTED) if statement.asked else TOO_FEW
+    for statement in (
+        _judge_batch_size(summaries, safeties, compare),
+        _judge_alpha(summaries, safeties, compare),
+        _judge_c_dist(summaries, safeties, compare),
+    ):
+        why = NOT_TESTED if statement.asked else TOO_FEW
         yield msgspec.structs.replace(statement, why=why)
-    if "tau" not in programme.sweep:
-        yield _leave_target_and_buffer_open()
-        return
     yield _judge_tau(summaries, safeties)
     yield _judge_buffer(summaries, safeties)
 
@@ -244,20 +225,6 @@ def _judge_likelihood(
         NO_EFFECT if equal else NOT_TESTED if enough else TOO_FEW,
         rule,
         asked=enough and not equal,
-    )
-
-
-def _leave_target_and_buffer_open() -> PaperStatement:
-    return PaperStatement(
-        "A small tau and a large buffer make failures likelier.",
-        None,
-        "not run",
-        "Neither setting has an effect here: an episode has at most 10 decisions (100 steps, "
-        "`hold` 10), and the rewards of 10 decisions are summed (`n_step`), so that the target "
-        "critics are never used; 300 episodes have at most 3,000 decisions, so that a buffer of "
-        "10,000 never drops one.",
-        "Not judged",
-        asked=False,
     )
 
 

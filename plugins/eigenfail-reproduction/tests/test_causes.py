@@ -18,7 +18,8 @@ from eigenfail_reproduction.causes import compute_rand_index, judge_causes, leav
 from eigenfail_reproduction.programme import PROGRAMMES
 
 NAME = "ast evaluation"
-CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]
+CUT_IN = msgspec.structs.replace(PROGRAMMES["cut_in"], step_s=0.1)
+DRIVE = PROGRAMMES["highway_drive"]
 SURE = Interval(0.9, 1.0)
 
 

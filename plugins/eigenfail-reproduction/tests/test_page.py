@@ -53,7 +53,7 @@ def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     text = format_page(found)
     assert "--scale full" in text
     assert "| | n | failure rate [%] | paper | log p [nat] |" in text
-    assert "Of\n1 comparisons with statements of the paper (at the end;" in text
+    assert "Of 1 comparisons with statements of the paper (at\nthe end;" in text
     assert "several campaigns) 0 hold here." in text
     assert (
         "| ast evaluation | 300 | 94.7 % [91.0, 97.0]<!-- claim "

@@ -8,9 +8,9 @@ from eigenfail.errors import UnknownName
 from eigenfail.suites import Suite
 from eigenfail.worlds import world_of
 from eigenfail_reproduction import paper, tables
-from eigenfail_reproduction.programme import CHOSEN, PROGRAMMES, SCALES, STEP_S, SWEEP, build_suite
+from eigenfail_reproduction.programme import CHOSEN, HELD_S, PROGRAMMES, SCALES, SWEEP, build_suite
 
-STEPS = {"cut_in": 100, "highway_drive": 420}
+STEPS = {"cut_in": 700, "highway_drive": 420}
 
 
 def by_name(suite: Suite):
@@ -24,7 +24,7 @@ def test_the_full_programme_has_the_papers_episodes():
     assert found["ast_paper evaluation"].episodes == 300
     assert found["ast_paper plus5"].episodes == 100
     swept = [spec for name, spec in found.items() if name.startswith("sweep ")]
-    assert len(swept) == 1 + sum(map(len, SWEEP.values())) == 11
+    assert len(swept) == 1 + sum(map(len, SWEEP.values())) == 14
     assert {spec.episodes for spec in swept} == {300}
 
 
@@ -36,8 +36,9 @@ def test_every_row_that_the_paper_prints_is_run():
 
 def test_settings_are_the_papers_where_they_are_called_so():
     found = by_name(build_suite("full"))
-    assert found["ast_paper"].settings == dict(CHOSEN)
-    assert found["ast"].settings == {}
+    assert found["ast_paper"].settings.items() >= CHOSEN.items()
+    assert found["ast_paper"].settings["trainer"] == "sb3"
+    assert found["ast"].settings.keys() == {"hold", "alpha", "c_dist", "entropy"}
     assert found["difs_paper"].settings == {"schedule": "paper", "guidance": 2.0}
     assert found["sweep alpha=500"].settings["alpha"] == 500
     assert found["sweep alpha=500"].settings["c_dist"] == 1000
@@ -48,13 +49,43 @@ def test_evaluations_draw_from_a_seed_of_their_own_and_name_what_they_evaluate()
     assert found["ast"].seed == 7
     assert found["ast minus5"].seed == 1007
     assert found["ast minus5"].settings == {"campaign": "ast"}
-    assert found["ast minus5"].scenario_parameters == {"distance_m": 53.0}
+    trained = found["ast"].scenario_parameters
+    assert found["ast minus5"].scenario_parameters == {**trained, "distance_m": 53.0}
+
+
+def test_buffers_of_the_sweep_hold_as_many_episodes_as_the_papers():
+    found = by_name(build_suite("full"))
+    sizes = {name: found[f"sweep {name}"].settings["buffer_size"] for name in ("base", "tau=0.01")}
+    assert sizes == {"base": 2000, "tau=0.01": 2000}
+    assert found["sweep buffer_size=10000"].settings["buffer_size"] == 200
+    assert found["ast_paper"].settings["buffer_size"] == 10_000
+    drive = by_name(build_suite("full", scenario="highway_drive"))
+    assert drive["sweep base"].settings["buffer_size"] == 100_000
+
+
+@pytest.mark.parametrize("scenario", PROGRAMMES)
+def test_noise_that_is_held_and_actions_last_a_second(scenario):
+    found = by_name(build_suite("full", scenario=scenario))
+    assert found["held"].method == "held"
+    assert found["held"].episodes == 2000
+    steps = {"held": found["held"].settings["hold"], "ast": found["ast"].settings.get("hold", 10)}
+    step_s = PROGRAMMES[scenario].step_s
+    assert {name: hold * step_s for name, hold in steps.items()} == {"held": HELD_S, "ast": HELD_S}
+
+
+def test_cut_in_is_the_example_with_the_papers_steps_and_all_noise(root):
+    example = msgspec.toml.decode((root / "examples" / "paper_steps.toml").read_bytes())
+    spec = by_name(build_suite("full"))["ast_paper"]
+    given = {**spec.scenario_parameters, **example["scenario_parameters"]}
+    assert spec.scenario_parameters == given
+    assert spec.planner_settings == example["planner_settings"]
+    assert by_name(build_suite("full"))["monte_carlo idm"].planner_settings == {}
 
 
 @pytest.mark.parametrize("scenario", PROGRAMMES)
 def test_each_step_lasts_as_long_as_is_said(scenario):
     for spec in by_name(build_suite("small", scenario=scenario)).values():
-        assert world_of(spec.simulator).find_form(spec).step_s == STEP_S
+        assert world_of(spec.simulator).find_form(spec).step_s == PROGRAMMES[scenario].step_s
 
 
 @pytest.mark.parametrize("scenario", PROGRAMMES)
@@ -82,10 +113,10 @@ def test_the_drive_has_noise_of_the_papers_sigma_on_every_vehicle():
     assert suite["ast_paper"].scenario_parameters["slow_gap_m"] == 78.5
 
 
-def test_the_drive_has_the_rows_of_the_sweep_that_have_an_effect_there():
-    names = by_name(build_suite("full", scenario="highway_drive"))
-    assert set(paper.LONG_SWEEP) == {name for name in names if name.startswith("sweep ")}
-    assert set(paper.LONG_SWEEP) > set(paper.SWEEP)
+@pytest.mark.parametrize("scenario", PROGRAMMES)
+def test_the_sweep_has_the_papers_rows(scenario):
+    names = by_name(build_suite("full", scenario=scenario))
+    assert set(paper.SWEEP) == {name for name in names if name.startswith("sweep ")}
 
 
 def test_an_unknown_scenario_is_refused_with_the_nearest_one():
@@ -103,7 +134,7 @@ def test_scales_make_different_campaigns():
     assert not {spec.name for spec in full.values()} & {spec.name for spec in small.values()}
     assert sum(s.episodes for s in small.values()) < sum(s.episodes for s in full.values()) / 3
     assert set(learners) == {
-        name for name in full if name.split()[0] not in {"sweep", "monte_carlo"}
+        name for name in full if name.split()[0] not in {"sweep", "monte_carlo", "held"}
     }
     assert all(spec.episodes == small[name].episodes for name, spec in learners.items())
 

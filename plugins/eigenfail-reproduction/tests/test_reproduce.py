@@ -16,6 +16,8 @@ QUICK = {
     "method": "monte_carlo",
     "settings": {},
     "planner": "idm",
+    "planner_settings": {},
+    "scenario_parameters": {},
     "simulator": "point_mass",
     "episodes": 8,
 }

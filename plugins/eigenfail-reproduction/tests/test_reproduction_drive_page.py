@@ -42,7 +42,7 @@ def test_counts_of_verdicts_add_up(benchmark):
     judged = judge_over_seeds(found)
     figures = dict(benchmark.list_figures(found))
     parts = ("paper.drive.holds", "paper.drive.refuted", "paper.drive.undecided")
-    asked = figures["paper.asked"].value
+    asked = figures["paper.drive.asked"].value
     assert sum(figures[name].value for name in parts) == asked
     unasked = [one for one in judged if one.verdict is SeedVerdict.CANNOT_BE_ASKED]
     assert asked == len(judged) - len(unasked)
@@ -54,7 +54,7 @@ def test_rates_over_the_seeds_are_those_of_all_draws(benchmark):
     for learner in LEARNERS:
         rates = [benchmark.find_rate(each, "evaluation", f"{learner} evaluation") for each in found]
         for stage, drawn in (("eval300", rates[:1]), ("eval100", rates[1:])):
-            pooled = figures[f"paper.{learner}.{stage}.failure_rate"]
+            pooled = figures[f"paper.drive.learners.{learner}.{stage}.failure_rate"]
             assert pooled.n == sum(rate.n for rate in drawn)
             assert pooled.value == pytest.approx(sum(rate.value for rate in drawn) / len(drawn))
             assert pooled.interval[0] <= pooled.value <= pooled.interval[1]
@@ -71,5 +71,5 @@ def test_its_numbers_are_the_claims(benchmark, root):
 
 def test_runs_are_written_and_read(benchmark, tmp_path):
     runs = benchmark.SeedRuns(benchmark.read())
-    benchmark.write(runs, tmp_path / "reproduction_drive.json")
+    runs.write_beside(tmp_path / "claims.json")
     assert benchmark.read(tmp_path / "reproduction_drive.json") == runs.found

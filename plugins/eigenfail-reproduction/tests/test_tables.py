@@ -22,7 +22,7 @@ def test_each_table_has_the_papers_rows(summaries):
     assert list(found) == ["planners", "sweep", "training", "evaluation", "generalisation"]
     assert {row.name for row in found["sweep"].rows} == set(SWEEP)
     assert len(found["training"].rows) == 4
-    assert len(found["evaluation"].rows) == 5
+    assert len(found["evaluation"].rows) == 6
     assert len(found["generalisation"].rows) == 6
 
 
