@@ -91,7 +91,6 @@ AFTER_DEMO = {
     "README.md": (
         r"2/\d+ +collision",
         r"[1-9]\d* of \d+ eigenfailures reproduced",
-        r"Rate\(value=",
     ),
     "docs/episodes.md": (r"2/\d+ +collision", r"\] m²/s²"),
     "docs/analysis.md": (r"mode",),

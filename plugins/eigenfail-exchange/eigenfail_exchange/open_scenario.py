@@ -158,7 +158,9 @@ def _make_scenario(recording: EpisodeRecording, ego: EgoControl) -> Element:
     entities = SubElement(root, "Entities")
     for number in range(len(scene.sizes)):
         entity = SubElement(entities, "ScenarioObject", name=name_vehicle(number))
-        _add_vehicle(entity, scene, number)
+        mission = recording.mission if number == 0 else None
+        braking_mps2 = mission.peak_braking_mps2 if mission else PEAK_BRAKING_MPS2
+        _add_vehicle(entity, scene, number, braking_mps2)
         if number == 0 and ego is EgoControl.CONTROLLER:
             _add_controller(entity, recording)
     storyboard = SubElement(root, "Storyboard")
@@ -168,7 +170,7 @@ def _make_scenario(recording: EpisodeRecording, ego: EgoControl) -> Element:
     return root
 
 
-def _add_vehicle(entity: Element, scene: Scene, number: int) -> None:
+def _add_vehicle(entity: Element, scene: Scene, number: int, braking_mps2: float) -> None:
     name, kind = name_vehicle(number), find_kind(scene, number)
     if kind in PEDESTRIAN_KINDS:
         mass = str(PEDESTRIAN_MASS_KG)
@@ -183,7 +185,7 @@ def _add_vehicle(entity: Element, scene: Scene, number: int) -> None:
         "Performance",
         maxSpeed=str(TOP_SPEED_MPS),
         maxAcceleration=str(PEAK_BRAKING_MPS2),
-        maxDeceleration=str(PEAK_BRAKING_MPS2),
+        maxDeceleration=str(braking_mps2),
     )
     width_m, ahead_m = float(scene.sizes[number, 1]), find_reference_offset(scene, number)
     axles = SubElement(vehicle, "Axles")

@@ -99,6 +99,16 @@ def test_vehicles_are_of_the_kinds_that_the_scene_tells(schema):
     assert measure_error_m(recording.scene, read_scenario(archive)) < MILLIMETRE
 
 
+def test_ego_has_the_brakes_of_its_mission():
+    weak = replace(MISSION, peak_braking_mps2=3.2)
+    found = {}
+    for name, mission in {"stated": weak, "unknown": None}.items():
+        scenario = unpack(write_open_scenario(record(mission=mission)))["scenario.xosc"]
+        limits = ET.fromstring(scenario).iter("Performance")
+        found[name] = [float(one.get("maxDeceleration")) for one in limits]
+    assert found == {"stated": [3.2, 7.0, 7.0], "unknown": [7.0, 7.0, 7.0]}
+
+
 def test_a_vehicle_comes_and_goes_when_it_did():
     scenario = parse_scenario(unpack(write_open_scenario(record()))["scenario.xosc"])
     names = [event.name for name, event in list_events(scenario) if name == "vehicle_2"]

@@ -212,8 +212,7 @@ def format_paper(cell: CellOverSeeds) -> str:
 
 
 OF_VERDICTS = """\
-The numbers are those of seeds in which the statement holds, is refuted, is undecided, and cannot be
-asked.
+Columns count the seeds in which a statement holds, is refuted, is undecided, and cannot be asked.
 """
 
 

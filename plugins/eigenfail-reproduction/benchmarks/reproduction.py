@@ -159,32 +159,32 @@ def write(runs: Runs, path: Path = FILE) -> None:
 OPENING = """# The paper's experiments, reproduced
 
 The paper is Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial
-Autonomous Vehicles*. Its planner and its simulator are not public. This page has its experiments
-with our planner `rulebook`, our scenario `cut_in` and our simulator, so that no number is expected
-to be the same.
+Autonomous Vehicles*. Its planner and its simulator are not public. This page repeats its
+experiments with our planner `rulebook`, our scenario `cut_in` and our simulator, so our numbers
+need not be the paper's.
 
-Of {statements} comparisons with statements of the paper {asked}<!-- claim paper.asked --> can be
+{asked}<!-- claim paper.asked --> of {statements} comparisons with the paper's statements can be
 asked here: {holds}<!-- claim paper.holds --> hold, {refuted}<!-- claim paper.refuted --> do not
 hold, and {undecided}<!-- claim paper.undecided --> are not shown
-([verdicts](#verdicts-over-the-seeds)).
-
-`eigenfail reproduce --scale full --seed {first}` runs the campaigns of one seed.
+([verdicts](#verdicts-over-the-seeds)). `eigenfail reproduce --scale full --seed {first}` runs the
+campaigns of one seed.
 
 How to read the tables:
 
 - Every campaign was run with five seeds, {first} to {last}, and 1000 more in evaluations. A number
-  is the median of the seeds, and in brackets are the smallest and the largest. Draws of
-  `monte_carlo` and of `held`, and replays, are counted over all seeds together.
+  is the median of the seeds; the smallest and the largest follow in parentheses. Draws of
+  `monte_carlo` and `held`, and replays, are counted over all seeds together.
 """
 
-OF_PICTURES = """Of the first seed: the training `ast`, `ast evaluation` and `ast_paper evaluation`.
-The analyses have the default settings: modes by behaviour, noise of both axes, aligned at the
-start; of `ast` the later half of the failures, but for the tenths, which are of all. An
-eigenfailure is here the median noise of its mode's failures at each step. Influence is the sum over
-the first three components of their share of the variance × the absolute value of their entry.
+OF_PICTURES = """The pictures are for the first seed: the training `ast`, `ast evaluation` and
+`ast_paper evaluation`. Analyses have the default settings: modes by behaviour, noise of both axes,
+aligned at the start. Of the training, the later half of the failures is analysed; the tenths
+include all failures. An eigenfailure here is the median noise of its mode's failures at each step.
+Influence is the sum over the first three components of their share of the variance × the absolute
+value of their entry.
 """
 
-RULES = """The numbers are those of seed {seed}.
+RULES = """The numbers are for seed {seed}.
 """
 
 NOTES: Mapping[str, str] = {}
@@ -221,11 +221,11 @@ def format_page(found: Sequence[PaperReproduction]) -> str:
 
 
 VERDICTS = """\
-A statement is judged with each seed, as the column *holds if* of the next table says. It *holds* if
-it does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
-half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*.
-*Undecided* are seeds in which it was asked, and an interval includes no difference; where no more
-seeds refute a statement than are undecided, its verdict says *not shown*.
+Each seed judges a statement, as the column *holds if* of the next table says. A statement *cannot
+be asked* unless more than half of the seeds have the data, such as ten failures to compare. It
+*holds* if it holds in more than half of the seeds that judged it; otherwise it *does not hold*. A
+seed is *undecided* if an interval includes no difference. If undecided seeds are at least as many
+as refuting seeds, the verdict is *not shown*.
 """
 
 REASONS: Mapping[tuple[str, str], str] = {}

@@ -117,52 +117,43 @@ def read(path: Path = FILE) -> tuple[PaperReproduction, ...]:
 
 OPENING = """# The paper's experiments on a drive
 
-`eigenfail reproduce --scenario highway_drive --scale full --seed {first}` runs the paper's
-experiments with our planner `rulebook` on [`highway_drive`](world.md#the-scenario-highway_drive), a
-scenario that labels every failure with its true cause, so that modes can be compared with the
-causes. The page [The paper reproduced](reproduction.md) has the same experiments on a cut-in, and
-says how its tables are read.
+This page has the experiments of [The paper reproduced](reproduction.md) on another scenario,
+[`highway_drive`](world.md#the-scenario-highway_drive). It labels every failure with its true cause,
+so that modes can be compared with causes. `eigenfail reproduce --scenario highway_drive --scale
+full --seed {first}` runs the campaigns of the first seed. Tables are read as on that page.
 
-- **The drive** has three challenges one after the other: a *phantom* (a passing car that noise
-  pulls into the truck's lane, with a follower behind), a *reveal* (a slow car behind one that
-  leaves the lane) and a *cut-in*. A *cause* is the challenge whose vehicle was struck, and whether
-  the planner had lost its track of that vehicle or kept it
+- **The drive** has three challenges, one after the other. In the *phantom*, noise pulls a passing
+  car into the truck's lane, and a follower is behind. In the *reveal*, a car leaves the lane and
+  uncovers a slow car. In the *cut-in*, a car changes into the lane. A *cause* names the challenge
+  whose vehicle was struck, and says whether the planner had lost its track of that vehicle
   ([world](world.md#the-scenario-highway_drive)).
-- **Settings**: those of the paper and our defaults, as on that page. The noise is white, of the
-  paper's sigma, and on every vehicle: ten channels.
-- **What searches follow**: the smallest *time to collision* of an episode
-  ([importance](requirements.md#importance)) in place of the paper's smallest distance. Without a
-  collision the smallest distance is that of the car that passes in the next lane, and next to the
-  same in every drive under p(x) ([measured](world.md#the-scenario-highway_drive)): it tells a
-  search nothing.
-- **What was fixed when**: the programme (`PROGRAMMES` in `programme.py` of the
-  [plug-in](../plugins/eigenfail-reproduction/README.md)), the
-  statements and the rule of the verdicts were fixed after a trial with few episodes and another
-  seed. All campaigns were first run with the distance; DiFS then had no failure in the
-  700 draws of its evaluations. Two things were changed after that, in trials with the seeds 11 and
-  12, and all campaigns were run again: searches follow the time to collision, and `difs_paper` has
-  2 as the weight of its condition, for which the paper has no number (0.15, our default, found no
-  failure). One rule came later, too: a setting cannot be asked about where its campaigns turn out
-  to have the same failures.
-- **Steps**: an episode has 420 steps of 0.1 s. The scenario has no setting for their number; the
-  paper does not give its own.
-- **Seeds**: {first} to {last}, and 1000 more in evaluations. The first one runs all campaigns
-  with the paper's numbers of episodes. The others (`--scale learners`) train and evaluate alone,
-  and with fewer episodes: 300 of each training, 100 of each evaluation. All seeds in full would
-  have taken more computing time than there was. This was decided while the first one ran, before
-  any statement was judged.
-- **Time**: the machine ran other programs at the same time as these campaigns, so that
-  instance-hours and cost say little of the methods.
-- **Verdicts**: a statement is judged in each seed, as the column *holds if* says. It *holds* if it
-  does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
-  half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*:
-  most of these seeds do not show it. *Undecided* are seeds in which it was asked, and an interval
-  includes no difference; where no more seeds refute a statement than are undecided, its verdict
-  says *not shown*.
+- **Settings** are the paper's and our defaults, as on that page. White noise with the paper's sigma
+  is on every vehicle: ten channels.
+- **Searches follow** the smallest *time to collision* of an episode
+  ([importance](requirements.md#importance)). The paper uses the smallest distance. Here a passing
+  car in the next lane sets that distance, which is nearly the same in every drive under p(x)
+  ([measured](world.md#the-scenario-highway_drive)).
+- **Fixed before the runs**: the programme (`PROGRAMMES` in `programme.py` of the
+  [plug-in](../plugins/eigenfail-reproduction/README.md)), the statements and the rule of the
+  verdicts, after a trial with few episodes and another seed. In a first run searches followed the
+  distance, and the evaluations of DiFS had no failure in 700 draws. Two changes were made in trials
+  with the seeds 11 and 12, and all campaigns were run again: searches follow the time to collision,
+  and `difs_paper` weighs its condition by 2. The paper does not give this weight; our default,
+  0.15, found no failure. One rule came later: a setting cannot be asked about if its campaigns have
+  the same failures.
+- **Steps**: an episode has 420 steps of 0.1 s. The scenario has no setting for their number, and
+  the paper does not give its own.
+- **Seeds**: {first} to {last}, and 1000 more in evaluations. The first seed runs all campaigns with
+  the paper's numbers of episodes. The other seeds (`--scale learners`) only train and evaluate,
+  with 300 and 100 episodes. This was decided while the first seed ran, for lack of computing time,
+  and before any statement was judged.
+- **Time**: the machine ran other programs at the same time, so instance-hours and cost say little
+  about the methods.
+- **Verdicts** follow the rule of [that page](reproduction.md#verdicts-over-the-seeds).
 
-Of {statements} statements {asked}<!-- claim paper.drive.asked --> can be asked:
+{asked}<!-- claim paper.drive.asked --> of {statements} statements can be asked:
 {holds}<!-- claim paper.drive.holds --> hold, {refuted}<!-- claim paper.drive.refuted --> are
-refuted, and {undecided}<!-- claim paper.drive.undecided --> are not shown. The other one is about a
+refuted, and {undecided}<!-- claim paper.drive.undecided --> are not shown. The last one is about a
 setting without an effect.
 """
 
@@ -194,18 +185,19 @@ def format_page(found: Sequence[PaperReproduction]) -> str:
     return "\n".join((*parts, *format_tables(found[0])))
 
 
-RULES = """The numbers are those of seed {seed}, whose tables are below.
+RULES = """The numbers are for seed {seed}; its tables are below.
 """
-ONE_SEED = """A statement with one seed is about campaigns of the first one alone.
+ONE_SEED = """If a statement has one seed, only the first seed has its campaigns.
 """
 
 
 OF_LEARNERS = """\
-Share of the episodes that collide: of 1,000 of each training with the seed {first}, and of 300
-draws from what it left, with Wilson's 95 % interval (where none or all failed, an exact one-sided
-95 % bound); of 300 of each training with the seeds {second} to {last}, and of 100 draws from what
-each of them left. *All* are the draws of these seeds together. An interval is about the searchers
-that were trained; others may differ by more.
+The share of episodes that collide. The first two columns are for seed {first}: 1,000 episodes of
+the training, and 300 draws from its searcher. The next two columns list the seeds {second} to
+{last}: 300 episodes of each training, and 100 draws from each searcher. *All* are the draws of
+these four seeds together. Brackets are Wilson's 95 % interval; if none or all failed, the bound is
+exact and one-sided (95 %). An interval is about the trained searchers: other trainings may differ
+by more.
 """
 
 
@@ -258,27 +250,27 @@ def mark_seeds(name: str, rates: Sequence[PaperNumber]) -> str:
 
 
 FOUND_ANYWAY = (
-    "Monte Carlo found failures, as the drive was made to fail seldom and not never; both searches "
-    "found many more in fewer episodes."
+    "Monte Carlo found failures: the drive was made to fail seldom, not never. Both searches found "
+    "many more in fewer episodes."
 )
 STEPWISE = (
-    "The failures of DiFS are likelier for each step in all five seeds. Those of AST end sooner, "
-    "most in the first challenge, so that the sum of log p over the steps has the other order."
+    "Failures of DiFS are likelier for each step in all five seeds. Failures of AST end sooner, "
+    "most in the first challenge, so mean log p has the other order."
 )
 MOVED = (
-    "Most failures happen in the phantom, the first challenge: of the gaps that were moved only "
-    "that to the follower plays a part in it."
+    "Most failures happen in the phantom, the first challenge. Of the gaps that were moved, only "
+    "the gap to the follower matters there."
 )
 CLOSE_SHARES = (
-    "The two shares are close in most seeds, and three seeds against two are no clear majority."
+    "The two shares are close in most seeds, and three seeds against two are not a clear majority."
 )
 SPREAD = (
-    "Influence is spread over the seconds before the collision. A possible cause, not tested: "
-    "the policies hold their noise for a second at a time."
+    "Influence is spread over the seconds before the collision. Policies hold their noise for a "
+    "second, which may be the cause (not tested)."
 )
 REPLAYED = (
-    "Noise of a policy is much the same in all failures of a group, and most of them collide "
-    "before the gap matters that the similar scenarios change."
+    "A policy adds much the same noise in all failures of a group, and most failures happen before "
+    "the gap matters that the similar scenarios change."
 )
 
 REASONS: Mapping[tuple[str, str], str] = {
@@ -298,25 +290,25 @@ REASONS: Mapping[tuple[str, str], str] = {
     (
         "A small batch improves failure rate, log p and severity.",
         "",
-    ): "The share of failures cannot be told from that of the base, and the sum of log p has "
+    ): "The share of failures does not differ significantly from the base, and mean log p has "
     "another order.",
     (
         "A small alpha makes failures likelier and fewer.",
         "",
-    ): "With a small alpha failures are likelier, as the paper says, and more frequent.",
+    ): "A small alpha makes failures likelier, as the paper says, and more frequent.",
     (
         "A large c_dist makes failures more frequent and more severe.",
         "",
-    ): "Severity is the highest with the largest c_dist, but its failure rate cannot be told from "
-    "that of the base.",
+    ): "Severity is highest with the largest c_dist, but its failure rate does not differ "
+    "significantly from the base.",
     (
         "A small tau makes failures likelier.",
         "",
-    ): "Log p per step does not follow tau, and its sum has another order.",
+    ): "Log p per step does not follow tau, and mean log p has another order.",
     (
         "A large buffer makes failures likelier.",
         "",
-    ): "Both campaigns have the same failures: most episodes end early, so that the smaller buffer "
+    ): "Both campaigns have the same failures: most episodes end early, so the smaller buffer "
     "drops no decision.",
     ("DiFS finds likelier failures than AST.", "ast, difs"): STEPWISE,
     ("DiFS finds likelier failures than AST.", "ast_paper, difs_paper"): STEPWISE,
@@ -335,27 +327,27 @@ REASONS: Mapping[tuple[str, str], str] = {
     (
         "There are 3 distinct failure modes.",
         "ast",
-    ): "The failures are nearly all of the phantom (mode collapse). One seed has three modes, and "
+    ): "Nearly all failures happen in the phantom (mode collapse). One seed has three modes, and "
     "they do not agree with the causes.",
     (
         "There are 3 distinct failure modes.",
         "ast_paper",
-    ): "The failures are mostly of the phantom. The seeds have two to four modes, or none that is "
-    "distinct; the one with three misses the causes by a little (index 0.61).",
+    ): "Most failures happen in the phantom. Seeds have two to four modes, or no distinct mode. "
+    "The seed with three modes misses the causes by a little (index 0.61).",
     (
         "Eigenfailures reproduce failures in all scenarios tested.",
         "ast",
-    ): REPLAYED + " In two seeds, whose failures have more causes, one half and two thirds of the "
+    ): REPLAYED + " Two seeds have failures with more causes; one half and two thirds of their "
     "replays collide.",
     ("Eigenfailures reproduce failures in all scenarios tested.", "ast_paper"): REPLAYED,
     (
         "Severe collisions are rarer than minor ones.",
         "ast",
-    ): "It depends on the policy that was trained: two seeds show it, two show the contrary.",
+    ): "It depends on the trained policy: two seeds show it, two show the contrary.",
     (
         "Severe collisions are rarer than minor ones.",
         "ast_paper",
-    ): "It depends on the policy that was trained: one seed shows it, one shows the contrary.",
+    ): "It depends on the trained policy: one seed shows it, one shows the contrary.",
     (
         "Severe collisions are rarer than minor ones.",
         "difs",

@@ -9,34 +9,33 @@ from eigenfail.values.analysis import STABLE, AnalysisSettings
 from eigenfail_reproduction.paper import SAFETY_COUNTS, SAFETY_EPISODES
 
 DRAWN = (
-    "Failure rate: share of the n episodes that collide. Brackets hold Wilson's 95 % interval of "
-    "independent draws; where none or all failed, an exact one-sided 95 % bound. Ends and bounds "
-    "are rounded outwards."
+    "The failure rate is the share of the n episodes that collide. Square brackets are Wilson's "
+    "95 % interval of independent draws. If none or all failed, the bound is exact and one-sided "
+    "(95 %). Ends and bounds are rounded outwards."
 )
-ONE_SEARCHER = "That of an evaluation is about its one trained searcher."
+ONE_SEARCHER = "The interval of an evaluation is about its one trained searcher."
 SEARCHED = (
-    "Failure rate: share of the n episodes that collide; in a search they depend on those before "
-    "them, so that it has no interval and is no rate under p(x)."
+    "The failure rate is the share of the n episodes that collide. Episodes of a search depend on "
+    "earlier ones, so the rate has no interval and is not a rate under p(x)."
 )
 MEANS = (
-    "Log p (natural logarithm of the density of the errors in metres, summed over the steps) and "
-    "severity (squared relative speed at the collision) are means over the failures; log p per "
-    "step is the sum over all failures ÷ their steps. The paper does not give its number of steps, "
-    "which its log p depends on."
+    "Log p is the natural logarithm of the density of the errors [m], summed over the steps of an "
+    "episode. Severity is the squared relative speed at the collision. Both are means over the "
+    "failures. Log p per step is the sum over all failures, divided by their steps. The paper does "
+    "not give its number of steps."
 )
 COST = (
-    "Instance-hours are the time that this campaign was active on one instance, in one run; cost "
-    "is their price at 1.20 USD per hour ÷ failures, without that of a training before it. "
-    "Campaigns of the suite run side by side, four at a time unless the service is told otherwise, "
-    "and share its workers and processor cores; that time is counted in full for each of them, so "
-    "that hours and cost are not those of the campaign alone. The paper's cost is of a GPU "
-    "instance at that price."
+    "Instance-hours are the time for which the campaign was active, in one run. Cost is their "
+    "price at 1.20 USD per hour, divided by the failures; an earlier training is not included. "
+    "Four campaigns run side by side by default and share the processor cores, and their time "
+    "counts in full for each of them. The paper's cost is for a GPU instance at the same price."
 )
-PAPERS = "of its own planner, simulator and settings, also beside our defaults."
+PAPERS = "with the paper's planner, simulator and settings, also beside our defaults."
 OF_PLANNERS = (
-    f"One Monte Carlo campaign of each planner. {DRAWN} Severity is the mean over the failures "
-    "(squared relative speed). The paper's numbers are of its own planner and of its IDM; it gives "
-    "neither their number of episodes nor the episodes over which severity is averaged."
+    f"One Monte Carlo campaign with each planner. {DRAWN} Severity is the squared relative speed "
+    "at the collision, the mean over the failures. The paper's numbers are for its own planner and "
+    "its IDM. The paper does not say how many episodes it ran, nor over which episodes its "
+    "severity is a mean."
 )
 OF_SWEEP = (
     "Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005, "
@@ -44,68 +43,68 @@ OF_SWEEP = (
     "decision."
 )
 SMALLER_BUFFERS = (
-    f"{OF_SWEEP} Buffers are named by the paper's numbers of decisions. They hold a fiftieth of "
-    "them, as an action here lasts for 50 steps: as many episodes as the paper's buffers do if "
-    "each of its steps has an action."
+    f"{OF_SWEEP} Rows name the paper's buffer sizes. Buffers here hold a fiftieth of these "
+    "decisions, because an action lasts 50 steps: as many episodes as the paper's buffers hold "
+    "with an action in each step."
 )
 WHOLE_BUFFERS = (
     f"{OF_SWEEP} Its other settings are our defaults. The paper's buffer_size of 1,000,000 would "
     "give the base again: 300 episodes have fewer than 100,000 decisions."
 )
 OF_PAPERS_SWEEP = (
-    "The paper's numbers are of 300 episodes each, of the same values with its own planner and "
-    "simulator."
+    "The paper's numbers are for the same values with its own planner and simulator, 300 episodes "
+    "each."
 )
 OF_TRAINING = (
-    f"One training campaign for each row. {SEARCHED} {MEANS} {COST} The paper's numbers are of "
+    f"One training campaign for each row. {SEARCHED} {MEANS} {COST} The paper's numbers are for "
     f"1,000 episodes each, {PAPERS}"
 )
 OF_EVALUATION = (
     "Draws from p(x) (`monte_carlo`), from p(x) with each draw held for a second (`held`), and "
-    f"from what each training left, which learns nothing more. {DRAWN} {ONE_SEARCHER} {MEANS} "
-    f"{COST} The paper's numbers are of 2,000 episodes "
-    f"of Monte Carlo and 300 each of the others, {PAPERS}"
+    f"from the searcher that each training left, which learns nothing more. {DRAWN} "
+    f"{ONE_SEARCHER} {MEANS} {COST} The paper's numbers are for 2,000 episodes of Monte Carlo and "
+    f"300 of each other row, {PAPERS}"
 )
 OF_MOVES = (
-    f"{DRAWN} {ONE_SEARCHER} Severity (squared relative speed at the "
-    "collision) is the mean over the failures. The paper's numbers are of 300 episodes at its "
-    f"usual distance and 100 at each other, {PAPERS}"
+    f"{DRAWN} {ONE_SEARCHER} Severity is the squared relative speed at the collision, the mean "
+    "over the failures. The paper's numbers are for 300 episodes at its usual distance and 100 at "
+    f"each other distance, {PAPERS}"
 )
 OF_SAFETY = (
-    "Share of the n episodes of an evaluation with a collision, a MinTTC (smallest value of gap ÷ "
-    "closing speed) below 1.5 s, a DRAC (largest value of closing speed² ÷ (2 · gap)) above "
-    "7 m/s². "
-    "Brackets hold Wilson's 95 % interval of independent draws from that one trained "
-    "searcher; where none or all are counted, an exact one-sided 95 % bound. Ends and bounds are "
-    "rounded outwards. Median and worst (smallest MinTTC, largest DRAC) are over the episodes in "
-    "which the truck ever closed in; in one that collides, up to the last step before the "
-    f"contact. The paper's shares are its counts ({SAFETY_COUNTS}) of {SAFETY_EPISODES} episodes "
-    "of DiFS; it does not say over which of them its medians are, and has none of AST."
+    "The share of the n episodes of an evaluation with a collision, with a MinTTC below 1.5 s, and "
+    "with a DRAC above 7 m/s². MinTTC is the smallest value of gap ÷ closing speed; DRAC is the "
+    "largest value of closing speed² ÷ (2 · gap). Square brackets are Wilson's 95 % interval of "
+    "independent draws from one trained searcher. If none or all are counted, the bound is exact "
+    "and one-sided (95 %). Ends and bounds are rounded outwards. Median and worst are over the "
+    "episodes in which the truck ever closed in. An episode with a collision counts up to the last "
+    f"step before the contact. The paper's shares are counts ({SAFETY_COUNTS}) of "
+    f"{SAFETY_EPISODES} episodes of DiFS. The paper has no such counts for AST, and does not say "
+    "over which episodes its medians are."
 )
 OF_COMPONENTS = (
-    "Analyses of the n failures of an evaluation by the noise (in sigma) of one axis, aligned at "
-    "the collision, with default settings otherwise. Variance: the share that the first three "
-    "principal components explain. Modes are groups of K-means, as many as have the "
-    "largest silhouette (Rousseeuw 1987); they are distinct only where it exceeds the largest of "
-    "19 draws of data without groups, and where the median adjusted Rand index (Hubert and Arabie "
-    f"1985) is {STABLE} or more; where they are not, one mode is counted. That index "
-    "is between the modes and those of failures drawn again with replacement, the median over "
-    f"{AnalysisSettings().bootstrap} such draws, in brackets the range of their middle 95 %, "
-    "rounded outwards. The paper's numbers are of 300 failures of its AST; it does not say of "
-    "which axis its three modes are, nor clearly that its 40 % are of the longitudinal noise, nor "
-    "how its failures are aligned: the statements below are judged by other choices, too."
+    "Analyses of the n failures of an evaluation by the noise of one axis (in sigma), aligned at "
+    "the collision; other settings are defaults. Variance is the share that the first three "
+    "principal components explain. Modes are groups of K-means; their number has the largest "
+    "silhouette (Rousseeuw 1987). Modes are distinct if the silhouette exceeds the largest of 19 "
+    "draws of data without groups, and if the median adjusted Rand index (Hubert and Arabie 1985) "
+    f"is {STABLE} or more; otherwise one mode is counted. The index compares the modes with modes "
+    f"of failures drawn again with replacement ({AnalysisSettings().bootstrap} draws; square "
+    "brackets are the range of the middle 95 %, rounded outwards). The paper's numbers are for 300 "
+    "failures of its AST. It does not say which axis has three modes, nor how its failures are "
+    "aligned, nor clearly that its 40 % are longitudinal. The statements below are therefore "
+    "judged by other choices, too."
 )
 OF_REPLAYS = (
-    "one eigenfailure and one medoid of each group of the failures of an "
-    "evaluation by the noise of both axes, aligned at the start, also where the groups are no "
-    "distinct modes. The eigenfailure is the noise that belongs to the mean of the group's scores "
-    f"on the first {AnalysisSettings().components} principal components, without the others; the "
-    "medoid is the noise of the failure whose scores are nearest to that mean. A replay always has "
-    "the same result: these are counts, no rates. The paper says *all*, and gives no number."
+    "one eigenfailure and one medoid for each group of the failures of an evaluation. Groups are "
+    "by the noise of both axes, aligned at the start, and need not be distinct modes. The "
+    "eigenfailure is the noise at the mean of the group's scores on the first "
+    f"{AnalysisSettings().components} principal components. The medoid is the noise of the failure "
+    "whose scores are nearest to this mean. A replay always has the same result, so these are "
+    "counts. The paper says *all*, without a number."
 )
 OF_ALL_VEHICLES = (
-    "The noise of an axis is here that of all five vehicles; failures are aligned at the collision "
-    "in all statements but that on replays."
+    "An axis here has the noise of all five vehicles. Failures are aligned at the collision in "
+    "every statement but the one on replays."
 )
 
 
@@ -124,27 +123,27 @@ CAPTIONS: Mapping[str, ScenarioCaptions] = MappingProxyType(
         "cut_in": ScenarioCaptions(
             sweep=SMALLER_BUFFERS,
             moves=(
-                "What was trained with the cut-in at distance_m 58, evaluated there and where it "
-                "begins 5 m further (`plus5`) and nearer (`minus5`)."
+                "AST was trained with a cut-in at distance_m 58, and is evaluated there, 5 m "
+                "further away (`plus5`) and 5 m nearer (`minus5`)."
             ),
             moves_title="AST where the cut-in moves",
             replays=(
-                "Replays that collided, of all, in the named scenario (*the same* has distance_m "
-                "58):"
+                "Replays that collided, of all replays in the named scenario (*the same* has "
+                "distance_m 58):"
             ),
             components=OF_COMPONENTS,
         ),
         "highway_drive": ScenarioCaptions(
             sweep=WHOLE_BUFFERS,
             moves=(
-                "What was trained with follower_gap_m 9, slow_gap_m 78.5 and cut_in_distance_m 57, "
-                "evaluated there, with larger gaps (`farther`: 10, 80, 60) and with smaller ones "
-                "(`nearer`: 8, 77, 54). The bounds of the parameters leave no room for 5 m."
+                "AST was trained with follower_gap_m 9, slow_gap_m 78.5 and cut_in_distance_m 57, "
+                "and is evaluated there, with larger gaps (`farther`: 10, 80, 60) and with smaller "
+                "gaps (`nearer`: 8, 77, 54). The bounds of the parameters leave no room for 5 m."
             ),
             moves_title="AST where the gaps are others",
             replays=(
-                "Replays that collided, of all, in the named scenario (*the same* has slow_gap_m "
-                "78.5):"
+                "Replays that collided, of all replays in the named scenario (*the same* has "
+                "slow_gap_m 78.5):"
             ),
             components=f"{OF_COMPONENTS} {OF_ALL_VEHICLES}",
         ),

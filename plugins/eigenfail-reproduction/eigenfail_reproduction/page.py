@@ -119,51 +119,53 @@ def format_verdict(statement: PaperStatement) -> str:
 
 OPENING = """# The paper's experiments, reproduced
 
-`eigenfail reproduce {options}` runs the paper's experiments with our planner `rulebook`, our
-scenario `{scenario}` and our simulator. The paper's planner and simulator are not public, so that
-no number is expected to be the same. Of {statements} comparisons with statements of the paper (at
-the end; some statements are compared for several campaigns) {holding} hold here. The paper is
-Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
+The paper is Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial
+Autonomous Vehicles*. `eigenfail reproduce {options}` runs its experiments with our planner
+`rulebook`, our scenario `{scenario}` and our simulator. The paper's planner and simulator are not
+public, so our numbers need not be the paper's. {holding} of {statements} comparisons with the
+paper's statements hold here (see the end; some statements are compared for several campaigns).
 
 How to read the tables:
 
-- A row is of one campaign, with one seed. Another seed may give other numbers, so that the
-  difference between two rows may be that of two seeds.
+- A row is one campaign with one seed. Another seed may give other numbers, so two rows may differ
+  by their seeds alone.
 {reading}"""
 
 READING = """\
-- Numbers have three significant digits, and no decimals from 1,000 on; the paper's have as many as
-  it prints, and at most that. A half is rounded away from zero.
-- `ast_paper` has the values of the paper's main runs (alpha 5,000, c_dist 1,000, tau 0.001,
-  learning rate 3e-4, batch size 16, buffer size 10,000), with four gradient steps for each
-  decision, of which the paper gives no number.
-- `difs` has our defaults. `difs_paper` has the paper's schedule, and 2 as the weight of its
-  condition: the paper has no number. The weight was chosen in trials with the seeds 11 and 12.
+- Numbers have three significant digits, and no decimals from 1,000 on. The paper's numbers have as
+  many digits as it prints. A half is rounded away from zero.
+- `ast_paper` has the settings of the paper's main runs: alpha 5,000, c_dist 1,000, tau 0.001,
+  learning rate 3e-4, batch size 16, buffer size 10,000. It takes four gradient steps for each
+  decision; the paper does not give this number.
+- `difs` has our defaults. `difs_paper` has the paper's schedule, and weighs its condition by 2; the
+  paper does not give this number. It was chosen in trials with the seeds 11 and 12.
 """
 
 SETTINGS = {
     "cut_in": """\
-- The paper does not say how many steps its episodes have. 700 steps of 0.02 s give noise from p(x)
-  its log p of -1,491, and that is what `cut_in` has here.
-- An action of AST lasts a second, as that of our defaults with steps of 0.1 s. In the paper it
-  lasts for a step; then, learning finds no more failures than noise without learning (measured:
-  claims `ast.length.*`).
-- Buffers of the sweep hold a fiftieth of the paper's decisions, which is as many episodes. That of
-  `ast_paper` holds the paper's 10,000 decisions. With 200 it found 8 and 18 failures in trials.
-- `ast_paper` and the sweep are trained by stable-baselines3, with returns of one decision, gamma
-  0.99 and no restarts, within 2 sigma as our defaults. `ast` has our defaults but for what grows
-  with the number of steps: alpha, c_dist and the initial entropy are seven times as large.
-- `cut_in` was tuned so that `idm` fails often and `rulebook` seldom under p(x), and so that
-  `rulebook` crashes under noise that is held; the defaults of `ast` were tuned on `cut_in` and
-  `rulebook`. Statements that compare planners, or methods by what they find, hold partly by that
-  choice. The settings of this page were chosen in trials with the seeds 11 and 12.
+- The paper does not give the number of steps of its episodes. `cut_in` has 700 steps of 0.02 s
+  here: with 700 steps, noise from p(x) has the paper's log p of about -1,500.
+- An action of AST lasts one second, as by default with steps of 0.1 s. In the paper an action lasts
+  one step. If an action lasts 0.1 s, learning finds fewer failures than noise without learning
+  (claims `ast.length.*`).
+- Buffers of the sweep hold a fiftieth of the paper's decisions, which are as many episodes. The
+  buffer of `ast_paper` holds the paper's 10,000 decisions. With 200 decisions two trials found 8
+  and 18 failures in 1,000 episodes.
+- stable-baselines3 trains `ast_paper` and the campaigns of the sweep. Returns are of one decision,
+  gamma is 0.99, trainings are not restarted, and noise is within 2 sigma, as by default.
+- `ast` has our defaults, except for settings that grow with the number of steps: alpha, c_dist and
+  the initial entropy are seven times the default.
+- `cut_in` was tuned so that `idm` often fails and `rulebook` seldom under p(x), and so that
+  `rulebook` crashes if noise is held. The defaults of `ast` were tuned on `cut_in` and `rulebook`.
+  Statements that compare planners or methods hold partly by this choice. The settings on this page
+  were chosen in trials with the seeds 11 and 12.
 """,
     "highway_drive": """\
-- `ast` has our defaults, and so have all settings of `ast_paper` that the paper does not vary.
-- `highway_drive` was tuned so that `rulebook` seldom fails under p(x) on every vehicle, and by
-  several causes; the defaults of `ast` were tuned on another scenario, `cut_in`, with noise on one
-  vehicle. Searches follow the smallest time to collision, since the smallest distance is the same
-  in every drive without a collision.
+- `ast` has our defaults. `ast_paper` has them for all settings that the paper does not vary.
+- `highway_drive` was tuned so that `rulebook` seldom fails under p(x) on every vehicle, and then by
+  several causes. The defaults of `ast` were tuned on another scenario, `cut_in`, with noise on one
+  vehicle. Searches follow the smallest time to collision: the smallest distance is the same in
+  every drive without a collision.
 """,
 }
 """What campaigns are set to, and what was tuned by what, by scenario."""
@@ -250,23 +252,23 @@ def _format_claim(name: str, column: PaperColumn, number: PaperNumber) -> str:
 
 
 OF_STATEMENTS = """\
-Planner (but for `idm`) is `rulebook`; the campaigns are those of the tables above, each with one
-seed, so that no verdict is final: it is about these runs. *Holds if* says what was compared. Of
-several parts, a single false one makes the statement false. Where the paper leaves a choice open
-(what a value is compared with, the axis, the alignment, the component), all choices named in that
-column are judged, and the statement cannot be decided unless they agree.
+The planner is `rulebook`, except in the campaign of `idm`. Verdicts are about the campaigns of the
+tables above, with one seed each, so they are not final. *Holds if* says what is compared. If one
+part of a statement is false, the statement is false. The paper leaves some choices open: the value
+to compare with, the axis, the alignment, the component. All choices in that column are judged, and
+a statement is undecided unless they agree.
 
-*Failed* counts episodes with a collision (of a search it is no rate); intervals of failure rates
-are those of the tables above. *Likelier* is a higher log p per step [nat]: an episode ends at its
-collision, so that sums are over different numbers of steps. Where the paper's measure, mean log p,
-has another order, that part is open. Severity is the mean over the failures. A difference of
-failures, log p or severity counts only where its 95 % interval of independent draws excludes 0
-(Newcombe's of shares; of means over ten failures or more that of two normal means with unequal
-variances, log p being the mean over failures of each one's log p per step). The episodes of the
-sweep are not independent: there the interval is a rule that passes over small differences, and no
-test. Shares of variance, largest entries and modes have no interval. Rank correlations have
-the 95 % interval of Bonett and Wright (2000), its ends rounded outwards. They are over the failures
-that one searcher chose, and do not say how rare severe collisions are under p(x).
+- *Failed* counts episodes with a collision. In a search this is not a failure rate.
+- *Likelier* means a higher log p per step [nat]. An episode ends at its collision, so sums are over
+  different numbers of steps. If the paper's measure, mean log p, has another order, the part is
+  open.
+- Severity is the mean over the failures.
+- A difference counts if its 95 % interval excludes 0: Newcombe's interval for shares, and for means
+  over ten or more failures the interval of two normal means with unequal variances. Episodes of the
+  sweep are correlated; there the interval passes over small differences, and is not a test.
+- Shares of variance, largest entries and modes have no interval.
+- Rank correlations have the 95 % interval of Bonett and Wright (2000), rounded outwards. They are
+  over the failures that one searcher chose, and do not say how rare severe collisions are.
 """
 
 
