@@ -15,11 +15,17 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.annealing import SimulatedAnnealing
 from eigenfail_searches.chains.method import FailureChains
+from eigenfail_searches.diffusion.method import DiffusionSampling
 from eigenfail_searches.go_explore import GoExplore
 from eigenfail_searches.optuna_search import OptunaSearch
 from eigenfail_services.campaigns.validation import check_spec
 
-METHODS = {"annealing": SimulatedAnnealing, "go_explore": GoExplore, "optuna": OptunaSearch}
+METHODS = {
+    "annealing": SimulatedAnnealing,
+    "diffusion": DiffusionSampling,
+    "go_explore": GoExplore,
+    "optuna": OptunaSearch,
+}
 VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
 """Parameters of `cut_in` that are drawn for each episode."""
 
@@ -32,6 +38,13 @@ class TestSimulatedAnnealing(LearnerSuite):
 class TestGoExplore(LearnerSuite):
     method = GoExplore
     settings = MappingProxyType({"hold": 7, "round_size": 6})
+
+
+class TestDiffusionSampling(LearnerSuite):
+    method = DiffusionSampling
+    settings = MappingProxyType(
+        {"rounds": 5, "first_steps": 20, "steps": 10, "width": 16, "device": "cpu"}
+    )
 
 
 class TestParzenEstimator(LearnerSuite):
@@ -91,15 +104,22 @@ def test_no_method_has_the_place_of_another_in_charts():
     assert len(set(marks)) == len(marks)
 
 
+ON_ODD_PROBLEMS = {
+    "annealing": {"hold": 2},
+    "diffusion": {"first_steps": 20, "steps": 10, "width": 16},
+    "optuna": {"hold": 2},
+}
+
+
 @pytest.mark.parametrize("name", ODD)
-@pytest.mark.parametrize("method", ["annealing", "optuna"])
+@pytest.mark.parametrize("method", ON_ODD_PROBLEMS)
 def test_it_ends_in_order_on_problems_with_nothing_to_learn(method, name):
-    check_end(method, {"hold": 2}, name)
+    check_end(method, ON_ODD_PROBLEMS[method], name)
 
 
-@pytest.mark.parametrize("method", ["annealing", "optuna"])
+@pytest.mark.parametrize("method", ON_ODD_PROBLEMS)
 def test_episodes_that_cannot_be_run_do_not_stop_it(method):
-    check_broken_episodes(method, {"hold": 2})
+    check_broken_episodes(method, ON_ODD_PROBLEMS[method])
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -142,7 +142,7 @@ class DiffusionModel:
         self._shape = horizon, channels
         self._jitter = settings.choose_jitter(horizon)
         self._seed = seed
-        self._device = _device(settings.device)
+        self._device = choose_device(settings.device)
         with tensors.isolate_randomness(seed, 0):
             # On the CPU and then moved, so that the first weights are the same on every device.
             denoiser = Denoiser(horizon, channels, settings.width)
@@ -322,7 +322,12 @@ class DiffusionModel:
         return torch.from_numpy(np.array(array, np.float32)).to(self._device)
 
 
-def _device(name: str) -> torch.device:
+def choose_device(name: str) -> torch.device:
+    """Return the device of a name; auto: cuda if available.
+
+    Raises:
+        InvalidValue: cuda is asked for, and torch finds no GPU.
+    """
     available = "cuda" if torch.cuda.is_available() else "cpu"
     if name == "cuda" and available != name:
         raise InvalidValue(

@@ -39,13 +39,14 @@ class ResidualBlock(nn.Module):
     Args:
         width: width of the hidden values.
         dilation: distance of the neighbours. [positions]
+        features: number of the features.
     """
 
-    def __init__(self, width: int, dilation: int) -> None:
+    def __init__(self, width: int, dilation: int, features: int = FEATURES) -> None:
         super().__init__()
         self._dilation = dilation
         self.convolution = nn.Linear(3 * width, width)
-        self.modulation = nn.Linear(FEATURES + width, 2 * width)
+        self.modulation = nn.Linear(features + width, 2 * width)
         self.projection = nn.Linear(width, width)
 
     def forward(self, hidden: Tensor, features: Tensor) -> Tensor:

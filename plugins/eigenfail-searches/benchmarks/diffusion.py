@@ -1,0 +1,184 @@
+"""Figures: what a diffusion network finds beside the mixture of `difs` without its network.
+
+Functions are pushes of ten steps in one of two channels, over 100 steps: in any of four windows, or
+at any time. After a campaign each model draws samples at robustness 0.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from math import nan
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+from benchmarks.episode_pool import EpisodePool
+from benchmarks.figures import Figure
+from benchmarks.learning_figures import of_seeds
+from benchmarks.samples import COMMAND
+from benchmarks.searches import Found, context, list_evaluations, search, search_function
+from benchmarks.targets import Target
+from benchmarks.truth.known_problems import Noise, Problem
+from numpy.typing import NDArray
+
+from eigenfail import plugins
+from eigenfail.functions import of_batch
+from eigenfail.settings import read_settings
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.requirements import MeasureLimit
+
+STEPS, PUSH = 100, 10
+"""Of an episode of a function, and of a push."""
+
+WINDOWS = (1, 3, 5, 7)
+"""Of ten windows that follow each other, those in which a push fails."""
+
+REACH_OF_WINDOWS, REACH_OF_ANY_TIME = 4.0, 5.0
+"""Sum of a push that fails, in its standard deviations: P is 1.2e-4 and about 3e-5."""
+
+
+def sum_windows(z: Noise) -> Noise:
+    """The standardised sums over the four windows, shape (n, 4)."""
+    sums = z[:, :, 0].reshape(len(z), -1, PUSH).sum(axis=2) / np.sqrt(PUSH)
+    return sums[:, WINDOWS]
+
+
+def sum_pushes(z: Noise) -> Noise:
+    """The standardised sums over ten steps that begin at each step, shape (n, 91)."""
+    total = np.cumsum(np.pad(z[:, :, 0], ((0, 0), (1, 0))), axis=1)
+    return (total[:, PUSH:] - total[:, :-PUSH]) / np.sqrt(PUSH)
+
+
+def find_window(z: Noise) -> NDArray[np.intp]:
+    """The window with the largest push, shape (n,)."""
+    window: NDArray[np.intp] = sum_windows(z).argmax(axis=1)
+    return window
+
+
+def find_region(z: Noise) -> NDArray[np.intp]:
+    """The tenth of the episode with the largest push, twice for its sign, shape (n,)."""
+    sums = sum_pushes(z)
+    begin = np.abs(sums).argmax(axis=1)
+    upwards = np.take_along_axis(sums, begin[:, None], axis=1)[:, 0] > 0.0
+    tenth = np.minimum((begin + PUSH // 2) // PUSH, STEPS // PUSH - 1)
+    region: NDArray[np.intp] = 2 * tenth + upwards
+    return region
+
+
+class Pushes(NamedTuple):
+    """A function, and the region of each of its failures."""
+
+    problem: Problem
+    find_region: Callable[[Noise], NDArray[np.intp]]
+
+
+FUNCTIONS = {
+    "four_windows": Pushes(
+        Problem(
+            "push in a window",
+            STEPS,
+            nan,
+            of_batch(lambda z: REACH_OF_WINDOWS - sum_windows(z).max(axis=1)),
+        ),
+        find_window,
+    ),
+    "any_time": Pushes(
+        Problem(
+            "push at any time",
+            STEPS,
+            nan,
+            of_batch(lambda z: REACH_OF_ANY_TIME - np.abs(sum_pushes(z)).max(axis=1)),
+        ),
+        find_region,
+    ),
+}
+SCENARIOS: Mapping[str, Mapping[str, Any]] = {
+    "cut_in": {},
+    "merge_in": {},
+    # The smallest distance is the same in every drive without a collision.
+    "highway_drive": {"importance": MeasureLimit(measure="min_ttc_s", at_least=0.0)},
+}
+MODELS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "network": ("diffusion", {}),
+    "mixture": ("difs", {"first_steps": 0, "steps": 0}),
+}
+CALLS, EPISODES, SAMPLED, SEEDS = 5000, 1000, 300, 5
+UNSEEN = 500
+"""Added to the seed: the settings were chosen with other seeds."""
+
+
+class Samples(NamedTuple):
+    """Failures of a campaign, and of the samples after it: mean z² (None without any), regions."""
+
+    found: int
+    failures: int
+    mean_square_z: float | None
+    regions: int | None = None
+
+
+def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
+    """What each model finds at each place, and failures with the network over those without."""
+    first = seed + UNSEEN
+    for place in (*FUNCTIONS, *SCENARIOS):
+        failures = {}
+        for model in MODELS:
+            given = [place] * SEEDS, [model] * SEEDS, range(first, first + SEEDS)
+            runs = pool.each(sample_place, *given)
+            failures[model] = median(run.failures for run in runs)
+            yield from describe(f"diffusion.{place}.{model}", place, runs)
+        ratio = failures["network"] / failures["mixture"] if failures["mixture"] else None
+        note = f"medians of {SEEDS} seeds: {failures['network']:g} and {failures['mixture']:g}"
+        figure = Figure(value=ratio, unit="ratio", n=SEEDS, command=COMMAND, note=note)
+        yield f"diffusion.{place}.gain", figure
+
+
+def describe(prefix: str, place: str, runs: list[Samples]) -> Iterator[tuple[str, Figure]]:
+    """The figures of one model at one place."""
+    budget = CALLS if place in FUNCTIONS else EPISODES
+    yield f"{prefix}.found", of_seeds([run.found for run in runs], "episodes", budget)
+    yield f"{prefix}.failures", of_seeds([run.failures for run in runs], "episodes", SAMPLED)
+    squares = [run.mean_square_z for run in runs]
+    yield f"{prefix}.mean_square_z", of_seeds(squares, "sigma²", SAMPLED)
+    if place in FUNCTIONS:
+        yield f"{prefix}.regions", of_seeds([run.regions for run in runs], "regions", SAMPLED)
+
+
+def sample_place(place: str, model: str, seed: int) -> Samples:
+    """Run a campaign, and sample its model."""
+    method, settings = MODELS[model]
+    spec = CampaignSpec(
+        name=place,
+        method=method,
+        episodes=CALLS if place in FUNCTIONS else EPISODES,
+        seed=seed,
+        settings=dict(settings),
+        **({} if place in FUNCTIONS else {"scenario": place, **SCENARIOS[place]}),
+    )
+    return sample_function(spec) if place in FUNCTIONS else sample_scenario(spec)
+
+
+def sample_function(spec: CampaignSpec) -> Samples:
+    """Sample what a campaign on a function has learnt."""
+    function = FUNCTIONS[spec.name]
+    run = search_function(spec, function.problem)
+    method = plugins.load(plugins.METHODS, spec.method)
+    settings = read_settings(method.Settings, spec.settings, "settings")
+    learner = method(context(spec, STEPS, None), settings)
+    learner.restore(run.state)
+    z = np.stack([one.z for one in learner.exploit(SAMPLED).sources]).astype(np.float64)
+    failed = z[np.asarray(function.problem.robustness(z)) <= 0.0]
+    regions = len(np.unique(function.find_region(failed))) if len(failed) else 0
+    squares = float(np.mean(failed**2)) if len(failed) else None
+    return Samples(sum(run.crashed), len(failed), squares, regions)
+
+
+def sample_scenario(spec: CampaignSpec) -> Samples:
+    """Sample what a campaign in a scenario has learnt."""
+    run = search(spec)
+    (evaluation,) = list_evaluations([run], SAMPLED)
+    sampled: Found = search(evaluation, run)
+    squares = [float(np.mean(one.z.astype(np.float64) ** 2)) for one in sampled.crashes]
+    mean = float(np.mean(squares)) if squares else None
+    return Samples(sum(run.crashed), sum(sampled.crashed), mean)
+
+
+TRIALS = ((("diffusion.",), find),)
+TARGETS = {"diffusion.any_time.network.regions": Target(low=15.0)}

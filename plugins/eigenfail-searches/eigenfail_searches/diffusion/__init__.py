@@ -1,0 +1,1 @@
+"""Failures sampled with a conditional diffusion network."""

@@ -1,0 +1,170 @@
+"""Failures sampled with a conditional diffusion network, which learns from the first round on."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eigenfail.contracts import MethodTraits
+from eigenfail.plugins import load_class
+from eigenfail.values.arrays import Floats
+from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySource
+from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
+from eigenfail_searches.diffusion.settings import DiffusionSettings, Examples, compute_excess
+from eigenfail_services.methods import archive
+from eigenfail_services.methods.difs.settings import TrialMemory
+
+MODEL = "eigenfail_searches.diffusion.model:ConditionalDiffusion"
+"""Path instead of a class, so that torch is imported only when a learner is made."""
+
+SMALLEST_SCALE_M = 1e-3
+
+SMALLEST_ELITE = 20
+"""Trajectories that are trained on at least, the least robust ones."""
+
+EXPLOITS = 2**32
+"""First draw of `exploit`, so that exploitation does not change the draws of learning."""
+
+
+class DiffusionSampling:
+    """Samples p(x | robustness) at low robustness, which decreases from round to round.
+
+    The algorithm of Delecki et al. (2025, arXiv 2406.14761) with two changes: batches are half
+    elite and half any episodes, and the network also knows how unlikely a trajectory is, so that
+    samples can be asked to be likely.
+
+    Attributes:
+        lookahead: 0, as each round is sampled from a model of all earlier rounds.
+    """
+
+    Settings = DiffusionSettings
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """State besides arrays: counters, threshold and scale of robustness [m]."""
+
+        draws: Annotated[int, msgspec.Meta(ge=0)] = 0
+        exploits: Annotated[int, msgspec.Meta(ge=0)] = 0
+        threshold_m: float | None = None
+        scale_m: float = 1.0
+
+    traits = MethodTraits(chart_mark=18, references={})
+    lookahead = 0
+
+    def __init__(self, context: LearnerContext, settings: DiffusionSettings) -> None:
+        self._settings = settings
+        self._seed = context.seed
+        self._round_size = settings.size_round(context.episodes)
+        shape = context.horizon, context.channels
+        self._model = load_class(MODEL)(settings, *shape, context.seed)
+        self._trials = TrialMemory(*shape, settings.memory)
+        self._facts = self._Facts()
+
+    @staticmethod
+    def round_sizes(settings: DiffusionSettings, episodes: int) -> RoundSizes:
+        """Return the size of all rounds."""
+        size = settings.size_round(episodes)
+        return RoundSizes(size, size)
+
+    def propose(self, n: int) -> Proposal:
+        """Return draws from the prior, and after a training samples below the threshold."""
+        count = min(n, self._round_size)
+        if not self._model.trained:
+            return Proposal((PriorSource(),) * count)
+        drawn = round(self._settings.prior_share * count)
+        samples = self._sample(self._draw_conditions(count - drawn), self._next_draw())
+        return Proposal((PriorSource(),) * drawn + samples)
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Keep the trajectories, lower the threshold, and train.
+
+        Raises:
+            LearnerDiverged: training diverged.
+        """
+        fresh = TrialMemory(*self._trials.z.shape[1:], len(results))
+        fresh.add(results)
+        if len(fresh):
+            self._trials.add(results)
+            self._lower_threshold(fresh)
+            self._model.train(self._make_examples(), self._next_draw())
+
+    def exploit(self, n: int) -> Proposal:
+        """Return samples at robustness 0 from the present network, without learning."""
+        self._update_facts(exploits=self._facts.exploits + 1)
+        return Proposal(self._sample(np.zeros(n, np.float32), EXPLOITS + self._facts.exploits))
+
+    def state(self) -> bytes:
+        """Return network, optimizer, trajectories, threshold and counters."""
+        trials = self._trials
+        arrays: dict[str, archive.Array] = {
+            "z": trials.z,
+            "steps": trials.steps,
+            "robustness": trials.robustness,
+        }
+        return archive.write("diffusion", self._facts, {**self._model.arrays(), **arrays})
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state, from which learning goes on bit for bit.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method with these settings.
+        """
+        facts, arrays = archive.read("diffusion", state, self._Facts)
+        with archive.wrap_errors("diffusion"):
+            count = len(arrays["robustness"])
+            z = archive.take(arrays, "z", (count, *self._trials.z.shape[1:]))
+            steps = archive.take(arrays, "steps", (count,))
+            self._model.load(arrays)
+        self._trials.z, self._trials.steps = z, steps
+        self._trials.robustness = arrays["robustness"]
+        self._facts = facts
+
+    def _lower_threshold(self, fresh: TrialMemory) -> None:
+        """Lower the threshold to the quantile of the newest round."""
+        reached, before = fresh.quantile(self._settings.quantile), self._facts.threshold_m
+        if before is None:
+            # Fixed by the first round: a condition must mean the same in all trainings.
+            scale = max(fresh.quantile(0.5), SMALLEST_SCALE_M)
+            self._update_facts(threshold_m=reached, scale_m=scale)
+        else:
+            self._update_facts(threshold_m=min(before, reached))
+
+    def _draw_conditions(self, count: int) -> Floats:
+        """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
+        threshold = max(self._facts.threshold_m or 0.0, 0.0) / self._facts.scale_m
+        random = np.random.default_rng([self._seed, self._next_draw()])
+        # From −0.1, as in the reference code (sisl/DiFS): a share of all draws asks for failures.
+        return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
+
+    def _sample(self, conditions: Floats, draw: int) -> tuple[TrajectorySource, ...]:
+        examples = self._make_examples()
+        excess = 0.0
+        if len(examples.elite):
+            quantile = self._settings.excess_quantile
+            excess = float(np.quantile(examples.excess[examples.elite], quantile))
+        samples = self._model.sample(conditions, excess, draw)
+        return tuple(TrajectorySource(z) for z in samples)
+
+    def _make_examples(self) -> Examples:
+        """Return all trajectories; the elite are those at or below the threshold.
+
+        Failures have the condition 0, however far they lie beyond the border: that is what
+        samples at robustness 0 are to be like.
+        """
+        trials, unseen = self._trials, self._trials.find_unseen()
+        least = np.sort(trials.robustness)[:SMALLEST_ELITE].max(initial=-np.inf)
+        limit = max(np.float32(self._facts.threshold_m or 0.0), least)
+        return Examples(
+            z=trials.z,
+            unseen=unseen,
+            condition=np.maximum(trials.robustness, 0.0) / np.float32(self._facts.scale_m),
+            excess=compute_excess(trials.z, unseen),
+            elite=np.flatnonzero(trials.robustness <= limit),
+        )
+
+    def _next_draw(self) -> int:
+        self._update_facts(draws=self._facts.draws + 1)
+        return self._facts.draws
+
+    def _update_facts(self, **changes: float) -> None:
+        self._facts = msgspec.structs.replace(self._facts, **changes)

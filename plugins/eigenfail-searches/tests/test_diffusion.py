@@ -1,0 +1,140 @@
+"""`diffusion`: its rounds, its network against closed forms, and failures in several regions."""
+
+import numpy as np
+import pytest
+
+from eigenfail.functions import of_batch
+from eigenfail.settings import read_settings
+from eigenfail.values.episode import PriorSource
+from eigenfail.values.learning import LearnerContext
+from eigenfail_searches.diffusion.method import DiffusionSampling
+from eigenfail_searches.diffusion.model import ConditionalDiffusion
+from eigenfail_searches.diffusion.settings import DiffusionSettings, Examples, compute_excess
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_workers.functions import FunctionEngine
+
+STEPS = 40
+
+
+def make_learner(episodes, **settings):
+    nothing = np.zeros((0, STEPS, 2), np.float32)
+    given = read_settings(DiffusionSettings, {"device": "cpu", **settings}, "settings")
+    return DiffusionSampling(LearnerContext(1, episodes, STEPS, nothing), given)
+
+
+def make_model(**settings):
+    given = {"width": 24, "jitter": 0, "device": "cpu", "ema": 0.98, **settings}
+    return ConditionalDiffusion(DiffusionSettings(**given), STEPS, 2, seed=0)
+
+
+def make_examples(z, condition=None, excess=None):
+    count = len(z)
+    nothing = np.zeros(count, np.float32)
+    return Examples(
+        z=np.asarray(z, np.float32),
+        unseen=np.zeros(z.shape[:2], bool),
+        condition=nothing if condition is None else condition,
+        excess=nothing if excess is None else excess,
+        elite=np.arange(count),
+    )
+
+
+def noise_of(proposal):
+    return np.stack([source.z for source in proposal.sources])
+
+
+def test_excess_counts_injected_values_alone():
+    z = np.ones((3, STEPS, 2), np.float32)
+    z[1] *= 2.0
+    unseen = np.zeros((3, STEPS), bool)
+    unseen[2, 10:] = True
+    z[2, 10:] = 50.0
+    # Of 80 values with z² = 4: (320 - 80) / sqrt(160).
+    np.testing.assert_allclose(compute_excess(z, unseen), [0.0, 240.0 / 160**0.5, 0.0], rtol=1e-6)
+
+
+def test_excess_is_standardised_under_the_prior():
+    z = np.random.default_rng(0).standard_normal((4000, STEPS, 2)).astype(np.float32)
+    excess = compute_excess(z, np.zeros((4000, STEPS), bool))
+    assert abs(excess.mean()) < 0.06
+    assert abs(excess.std() - 1.0) < 0.05
+
+
+def test_untrained_network_samples_the_prior():
+    z = make_model().sample(np.zeros(2000, np.float32), 0.0, draw=1).reshape(2000, -1)
+    assert np.abs(z.mean(axis=0)).max() < 0.1
+    assert abs(z.std() - 1.0) < 0.01
+
+
+def test_network_learns_how_noise_depends_on_robustness():
+    random = np.random.default_rng(0)
+    z = random.standard_normal((200, STEPS, 2))
+    z[:100, :10, 0] += 2.0
+    condition = np.repeat([0.0, 1.0], 100).astype(np.float32)
+    model = make_model(first_steps=400)
+    model.train(make_examples(z, condition), draw=1)
+    near, far = (
+        model.sample(np.full(500, at, np.float32), 0.0, draw=2)[:, :10, 0].mean() for at in (0, 1)
+    )
+    assert near > 1.2
+    assert abs(far) < 0.4
+
+
+def test_network_asked_for_less_excess_samples_likelier_noise():
+    random = np.random.default_rng(0)
+    z = random.standard_normal((400, STEPS, 2)) * np.repeat([1.0, 1.6], 200)[:, None, None]
+    excess = compute_excess(z.astype(np.float32), np.zeros((400, STEPS), bool))
+    model = make_model(first_steps=400)
+    model.train(make_examples(z, excess=excess), draw=1)
+    little, much = (
+        (model.sample(np.zeros(300, np.float32), wanted, draw=2) ** 2).mean()
+        for wanted in (0.0, float(excess[200:].mean()))
+    )
+    assert little < 1.3
+    assert much > 1.7
+
+
+def test_first_round_is_from_the_prior_and_a_fifth_of_each_later_one():
+    learner = make_learner(80, rounds=4, first_steps=5, steps=5)
+    engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
+    rounds = Rounds(learner, 1, 80)
+    list(run_in_process(rounds, engine))
+    sources = learner.propose(20).sources
+    assert sum(isinstance(one, PriorSource) for one in sources) == 4
+    assert len(learner.propose(100).sources) == 20, "a round"
+    fresh = make_learner(80, rounds=4)
+    assert fresh.propose(20).sources == (PriorSource(),) * 20
+
+
+def test_exploitation_does_not_change_what_is_learnt():
+    runs = []
+    for exploits in (0, 2):
+        learner = make_learner(60, rounds=3, first_steps=5, steps=5)
+        engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
+        list(run_in_process(Rounds(learner, 1, 60), engine))
+        for _ in range(exploits):
+            learner.exploit(3)
+        runs.append(noise_of_samples(learner.propose(20)))
+    np.testing.assert_array_equal(*runs)
+
+
+def noise_of_samples(proposal):
+    return np.stack([one.z for one in proposal.sources if not isinstance(one, PriorSource)])
+
+
+def sum_windows(z):
+    """Standardised sums of the first channel over four windows, shape (n, 4)."""
+    return z[:, :, 0].reshape(len(z), 4, -1).sum(axis=2) / (STEPS // 4) ** 0.5
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_failures_in_several_regions_are_found_and_stay_likely(seed):
+    """Each of four windows fails with a probability of 1.3e-3 under p(x)."""
+    learner = make_learner(2000, width=32)
+    engine = FunctionEngine(of_batch(lambda z: 3.0 - sum_windows(z).max(axis=1)), STEPS)
+    list(run_in_process(Rounds(learner, seed, 2000), engine))
+    z = noise_of(learner.exploit(300)).astype(np.float64)
+    failed = z[sum_windows(z).max(axis=1) >= 3.0]
+    assert len(failed) >= 60, "fifty times as often as under p(x), or more"
+    assert len(np.unique(sum_windows(failed).argmax(axis=1))) >= 3
+    assert (failed**2).mean() < 1.6
