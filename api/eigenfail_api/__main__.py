@@ -75,7 +75,7 @@ def serve(settings: ApiSettings) -> None:
     """Serve until a signal says to stop.
 
     Raises:
-        InvalidValue: the address would let strangers in, or is none.
+        InvalidValue: the address is not valid, or would let in strangers.
         PortTaken: another process listens there.
         ServiceError: the store cannot be opened.
     """
@@ -135,8 +135,9 @@ class Server(uvicorn.Server):
     """uvicorn that ends event streams before it waits for requests to end.
 
     Args:
-        app: what it serves. Its settings say how many connections may be open. The application
-            reads the headers of proxies itself: uvicorn would believe any local program.
+        app: application to serve. Its settings limit the number of open connections. The
+            application reads the headers of proxies itself: uvicorn would believe any local
+            program.
         health: socket for health checks, if there is one.
     """
 

@@ -102,10 +102,10 @@ FORMS = (launch_page.router,)
 
 @cache
 def _included_routers(extensions: tuple[Extension, ...]) -> tuple[BaseRoute, ...]:
-    """Return the routes of an application with these extensions.
+    """Return the routes of an application that has the given extensions.
 
-    FastAPI analyses a route at its first request and keeps the result with the included router: all
-    applications of a process share it.
+    FastAPI analyses a route at its first request and keeps the result with the included router. All
+    applications of a process share this result.
     """
     including = APIRouter(
         default_response_class=parameters.Json, generate_unique_id_function=lambda route: route.name

@@ -40,7 +40,7 @@ class SerialExecutor:
         *args: Arguments.args,
         **kwargs: Arguments.kwargs,
     ) -> Result:
-        """Return what the function returns, or raise what it raises.
+        """Run a function in the pool, and return its result or raise its exception.
 
         Raises:
             ServiceBusy: the queue is full, or the function did not start in time.
@@ -93,9 +93,9 @@ class ConcurrencyLimit:
             self._asked -= 1
 
     async def stream(self, parts: Iterator[bytes]) -> AsyncIterator[bytes]:
-        """Yield the parts of an answer, each in a place that it leaves before it is sent.
+        """Yield the parts of an answer; each part holds a place only until it is made.
 
-        So a client that reads slowly keeps nobody waiting. Once its answer has begun, a stream
+        So a client that reads slowly does not block others. Once its answer has begun, a stream
         waits for a place without limit. If the limit is also a dependency of the route, the route
         refuses a stream while too many others wait.
         """

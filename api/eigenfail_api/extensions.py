@@ -40,7 +40,7 @@ class Extension:
     recorded: Mapping[type[msgspec.Struct], tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Raise ValueError if the package has no templates."""
+        """Add the templates; raise ValueError if their package lacks a folder of templates."""
         if self.templates:
             add_templates(self.templates)
 

@@ -127,16 +127,16 @@ def is_named(values: Iterable[str], tag: str) -> bool:
 
 
 async def holds(app: ASGIApp, scope: Scope, root: str) -> bool:
-    """Return whether the `If-Match` of a change names what its address holds now.
+    """Return whether the `If-Match` of a change names the present version at its address.
 
-    As in RFC 9110, 13.1.1. An address without a GET changes a part of what is above it:
-    `/campaigns/1/pause` changes the campaign. A change of what does not exist, or has an address
-    that is refused, is let through and refused where it is made (RFC 9110, 13.2.1).
+    As in RFC 9110, 13.1.1. An address without a GET changes a part of the resource above it:
+    `/campaigns/1/pause` changes the campaign. If the resource does not exist or its address is
+    refused, the change is let through, and its route refuses it (RFC 9110, 13.2.1).
 
     Args:
-        app: what answers HEAD with the entity tags of GET.
+        app: application that answers HEAD with the entity tags of GET.
         scope: the request.
-        root: path of the API, above which nothing is looked for.
+        root: path of the API; addresses above it are not searched.
     """
     wanted = Headers(scope=scope).getlist("if-match")
     path = PurePosixPath(scope["path"])
@@ -152,7 +152,7 @@ async def holds(app: ASGIApp, scope: Scope, root: str) -> bool:
 
 
 def _ask_head(scope: Scope, path: str) -> Scope:
-    """Return the request for the entity tag of an address, of the user of another request."""
+    """Return a request for the entity tag of an address, by the user of another request."""
     # These headers describe the body of the change and its condition, and this request has neither.
     left_out = {b"if-match", b"content-length", b"content-type", b"transfer-encoding", b"accept"}
     headers = [(name, value) for name, value in scope["headers"] if name not in left_out]
@@ -186,7 +186,7 @@ class Disconnects:
 
     Code that writes a stream or reads a body notices late that the client has gone. A client must
     not be able to fill the log with tracebacks. The server itself refuses a request whose body is
-    malformed, and hangs up; an answer that comes afterwards is one to a client who has gone.
+    malformed, and hangs up; a later answer goes to a client who has gone.
     """
 
     def __init__(self, app: ASGIApp) -> None:

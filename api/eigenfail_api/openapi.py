@@ -43,8 +43,8 @@ Node = dict[str, Any]
 class TypeReference(dict[str, Any]):
     """Reference to the component that describes a type, with the type itself.
 
-    FastAPI keeps what a route says of its answers and bodies, so the document finds in the routes
-    which types it has to describe.
+    FastAPI keeps the answers and bodies that a route declares. So the routes contain the types
+    that the document has to describe.
 
     Args:
         kind: type that msgspec can encode.
@@ -190,7 +190,7 @@ def build_document(app: FastAPI) -> Node:
 
 
 def _list_types(node: Any) -> Iterator[Any]:
-    """Yield the types to which a description refers, as often as it does."""
+    """Yield the types that a description refers to, once for each reference."""
     if isinstance(node, TypeReference):
         yield node.kind
     elif isinstance(node, dict):
@@ -248,13 +248,13 @@ def _describe_answer(verb: str, status: str, response: Node) -> None:
 
 
 def _is_list(response: Node) -> bool:
-    """Return whether an answer is a page, of items with an address each."""
+    """Return whether an answer is a page of items, which each have an address."""
     schema = response["content"][JSON]["schema"]
     return str(schema.get("$ref", "")).rpartition("/")[2].startswith("Page_")
 
 
 def _list_refusals(path: str, verb: str, operation: Node) -> Iterator[int]:
-    """Yield the statuses with which a route may refuse."""
+    """Yield the status codes of a route's possible refusals."""
     yield from EVERYWHERE
     if verb != "get":
         yield OUTDATED

@@ -42,7 +42,7 @@ async def refuse_unknown_parameters(request: Request) -> None:
     """Refuse query parameters that the route does not have.
 
     Raises:
-        UnknownName: there is one; the known ones are listed.
+        UnknownName: a parameter is unknown; the known ones are listed.
     """
     known = [name for name, _ in _query_parameters(request.scope["route"].dependant)]
     for name in request.query_params:
@@ -51,10 +51,10 @@ async def refuse_unknown_parameters(request: Request) -> None:
 
 
 async def refuse_repeated_parameters(request: Request) -> None:
-    """Refuse query parameters that come several times where the route reads one value.
+    """Refuse a repeated query parameter if the route reads only one value.
 
     Raises:
-        InvalidValue: there is one.
+        InvalidValue: a parameter is repeated.
     """
     times = Counter(name for name, _ in request.query_params.multi_items())
     for name, kind in _query_parameters(request.scope["route"].dependant):
@@ -127,12 +127,12 @@ Before = Annotated[
 
 
 class PageRequest(msgspec.Struct, frozen=True):
-    """The page of a list that a request asks for.
+    """The requested page of a list.
 
     Attributes:
         limit: maximum number of items.
-        cursor: `next` of the page before; None for the first page.
-        with_total: whether the page says how many items match in all.
+        cursor: `next` of the previous page; None for the first page.
+        with_total: whether the page contains the total number of matching items.
     """
 
     limit: int
@@ -152,7 +152,7 @@ IdempotencyKey = Annotated[
 
 
 def make_outdated_error() -> PreconditionFailed:
-    """Return the error of a change whose `If-Match` does not name what is there."""
+    """Return the error of a change whose `If-Match` does not name the present version."""
     return PreconditionFailed(
         "What is there is not what `If-Match` names: it was changed meanwhile, or has no ETag.",
         "Get it again, and send the ETag of that answer.",
@@ -168,9 +168,9 @@ def read_precondition(
         ),
     ] = None,
 ) -> Callable[[object], None]:
-    """Return a check of what is about to be changed, within the transaction that changes it.
+    """Return a check of the present value, to be called in the transaction that changes it.
 
-    It raises PreconditionFailed if `If-Match` does not name that value.
+    The check raises PreconditionFailed if `If-Match` does not name this value.
     """
 
     def check(value: object) -> None:

@@ -41,7 +41,7 @@ MOST_SHOWN = 60
 
 
 def describe_error(error: Mapping[str, Any]) -> str:
-    """Return a sentence on a wrong value; the framework's own where the table has none."""
+    """Return a sentence on a wrong value; the framework's sentence if the table lacks one."""
     words = PARAMETER_WORDS.get(error["type"], "{msg}.")
     given = error["input"]
     shown = given if not isinstance(given, str) else given[:MOST_SHOWN]

@@ -31,22 +31,22 @@ class ApiSettings(BaseSettings):
         host: address to listen on.
         port: port to listen on; 0 takes a free one.
         health_host: address of the port for health checks alone.
-        health_port: port at which /healthz and /readyz are answered, whatever the other one is busy
-            with; 0 takes a free one, None has none.
+        health_port: port for /healthz and /readyz, which are answered even if the main port is
+            busy; 0 takes a free one, None opens none.
         require_keys: ask for a key even before there is one; then, and with the key of an
             administrator, other machines may reach the address.
         trust_network: listen for other machines although no key is required. For containers
             behind a private network, and nothing else.
-        hosts: names under which it may be asked, against DNS rebinding; see `names`.
-        proxies: addresses of proxies before it, whose X-Forwarded-For and X-Forwarded-Proto say who
-            asks.
-        sign_in_proxies: networks of proxies that sign users in; of these peers alone, headers that
-            name a user are believed.
+        hosts: accepted host names, against DNS rebinding; see `names`.
+        proxies: addresses of proxies before it, whose X-Forwarded-For and X-Forwarded-Proto
+            identify the client.
+        sign_in_proxies: networks of proxies that sign users in; headers that name a user are
+            believed only from peers in the networks.
         sign_in_user_header: the header that names the user.
         sign_in_groups_header: the header that lists the groups of the user, with commas in between.
-        sign_in_scopes: scope of each group; `*` stands for every user.
+        sign_in_scopes: scope of each group; `*` means every user.
         max_body_bytes: largest body of a request.
-        max_connections: open at a time; while there are more, requests get a 503.
+        max_connections: connections open at a time; while there are more, requests get a 503.
         max_requests_per_s: requests of one key that are answered, on average
             over five seconds; others get a 429.
         max_keyless_requests_per_s: the same for one address, if no key is required.
@@ -81,10 +81,10 @@ class ApiSettings(BaseSettings):
 
     @property
     def names(self) -> tuple[str, ...] | None:
-        """Return the accepted host names: those that were set, else those of this machine.
+        """Return the accepted host names: the configured ones, else the names of this machine.
 
-        None takes any, where other machines may reach it and everybody there shows a key: no page
-        of another origin has one to send.
+        None accepts any name. It is returned if other machines may reach the service and every user
+        needs a key: a page of another origin does not have a key to send.
         """
         if self.hosts is not None:
             return self.hosts
@@ -95,7 +95,8 @@ def refuse_open_door(settings: ApiSettings) -> None:
     """Refuse an address that strangers can reach without a key.
 
     Raises:
-        InvalidValue: it is one, no key is required, and the network is not declared trusted.
+        InvalidValue: other machines can reach the address, no key is required, and the network is
+            not declared trusted.
     """
     if not (settings.is_private or settings.require_keys or settings.trust_network):
         raise InvalidValue(
@@ -108,10 +109,11 @@ def refuse_open_door(settings: ApiSettings) -> None:
 
 
 def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
-    """Refuse to serve a non-loopback address while there are no keys.
+    """Refuse to serve a non-loopback address while no administrator has a key.
 
     Raises:
-        InvalidValue: it is one, and no administrator has a valid key.
+        InvalidValue: the address is not loopback, the network is not trusted, and no administrator
+            has a valid key.
     """
     if not (settings.is_private or settings.trust_network or keys.admins(now_ms())):
         raise InvalidValue(
@@ -123,11 +125,11 @@ def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
 
 
 def refuse_unsafe_sign_in(settings: ApiSettings) -> None:
-    """Refuse settings of the sign-in by a proxy with which every client could name any user.
+    """Refuse settings of the proxy sign-in that let every client name any user.
 
     Raises:
-        InvalidValue: a network, or several that lie next to each other, is wider than those of
-            `SHORTEST_PREFIX`; no group has a scope; or one header is to name user and groups.
+        InvalidValue: a network, or the union of adjacent ones, is wider than `SHORTEST_PREFIX`
+            allows; no group has a scope; or one header is to name both user and groups.
     """
     if not settings.sign_in_proxies:
         return

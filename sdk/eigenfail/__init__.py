@@ -20,10 +20,10 @@ _PLACES = {
 
 
 def __getattr__(name: str) -> Any:
-    """One of the names in `__all__`.
+    """Import and return one of the names in `__all__`.
 
     Raises:
-        AttributeError: there is no such name.
+        AttributeError: the name is unknown.
     """
     if name not in _PLACES:
         raise AttributeError(f"module 'eigenfail' has no attribute '{name}'")

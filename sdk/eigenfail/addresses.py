@@ -20,12 +20,12 @@ TRUST_VARIABLE = "EIGENFAIL_TRUST_NETWORK"
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host is this machine itself: a number of loopback, or `localhost`.
+    """Return whether a host is this machine: a loopback address or `localhost`.
 
-    No other name is looked up: it may be another machine's by the time at which it is used.
+    Other names are not looked up: they may name another machine by the time they are used.
 
     Args:
-        host: without a port; an address of IPv6 with or without brackets.
+        host: host without a port; an IPv6 address with or without brackets.
     """
     # URLs write IPv6 in brackets, the `ipaddress` module reads it without.
     bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
@@ -38,7 +38,7 @@ def is_loopback(host: str) -> bool:
 
 
 def is_own_endpoint(address: str) -> bool:
-    """Whether an address of ZeroMQ is of this machine; what cannot be read is of another."""
+    """Return whether a ZeroMQ address is on this machine; False if it cannot be parsed."""
     found = ENDPOINT.fullmatch(address)
     return address.startswith(PIPE) or (found is not None and is_loopback(found["host"]))
 
@@ -50,16 +50,16 @@ _SQLITE = re.compile(r"sqlite(\+pysqlite)?://(?P<host>[^/]*)(/(?P<path>.*))?", r
 
 
 def sqlite_url(path: Path) -> str:
-    """The URL of the SQLite database in a file."""
+    """Return the URL of the SQLite database in a file."""
     # As bytes: names of files need not be valid UTF-8, and the way back must give the same file.
     return f"sqlite:///{quote(os.fsencode(path))}"
 
 
 def sqlite_path(url: str) -> Path:
-    """The absolute path of the file that a URL of a SQLite database names.
+    """Return the absolute path of the file that a SQLite URL names.
 
     Raises:
-        InvalidValue: it is not such a URL, names no file, or has a part behind a `?`.
+        InvalidValue: it is not a SQLite URL, names no file, or has a part after a `?`.
     """
     found = _SQLITE.fullmatch(url)
     if found is None or found["host"]:
@@ -81,10 +81,10 @@ def sqlite_path(url: str) -> Path:
 
 
 def sqlite_uri(path: Path, mode: str) -> str:
-    """The file: URI by which SQLite itself opens a file.
+    """Return the `file:` URI that SQLite itself opens.
 
     Args:
         path: path of the file.
-        mode: ro, rw or rwc, as SQLite calls them; only rwc creates a file that is missing.
+        mode: SQLite's mode ro, rw or rwc; only rwc creates a missing file.
     """
     return f"file:{quote(os.fsencode(path.absolute()))}?mode={mode}"

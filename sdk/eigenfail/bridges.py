@@ -1,7 +1,7 @@
 """Any process as a system under test, simulator and planner in one; docs/bridge.md.
 
-A campaign has `simulator` "bridge"; `scenario` and `planner` are names that the bridge knows. Where
-the bridge is, a campaign cannot say: the user who starts a worker does.
+A campaign has `simulator` "bridge"; its `scenario` and `planner` are names that the bridge offers.
+A campaign cannot give the address of the bridge: the user who starts a worker gives it.
 """
 
 import os
@@ -51,11 +51,11 @@ OWN = ("steps", "dt_s")
 
 
 class BridgeCheck(msgspec.Struct, frozen=True, tag=True):
-    """Question to a process that can talk to bridges: does this one keep to the protocol?
+    """Question to a process that can talk to bridges: does this bridge follow the protocol?
 
     Attributes:
         address: address of the bridge, checked.
-        campaign: campaign of which one episode is to run on it; None for none.
+        campaign: campaign to run one episode of on the bridge; None runs no episode.
     """
 
     address: str
@@ -63,11 +63,11 @@ class BridgeCheck(msgspec.Struct, frozen=True, tag=True):
 
 
 class GoldenMessages(msgspec.Struct, frozen=True, tag=True):
-    """Question to the same: what are the messages of the protocol, byte for byte?"""
+    """Question to the same process: list the protocol's messages, byte for byte."""
 
 
 class OfferQuestion(msgspec.Struct, frozen=True, tag=True):
-    """Question to the same: what does this bridge offer? The answer is null if none answers.
+    """Question to the same process: what does this bridge offer? Null if no bridge answers.
 
     Attributes:
         address: address of the bridge, checked.
@@ -101,8 +101,8 @@ class BridgeOffer(msgspec.Struct, frozen=True):
     Attributes:
         name: name of the bridge.
         version: version of the bridge.
-        channels: names of the channels that it can disturb; `every.` stands for each vehicle.
-        signals: names of the signals that it reports of each step.
+        channels: names of the channels that it can disturb; the prefix `every.` means each vehicle.
+        signals: names of the signals that it reports at each step.
     """
 
     name: Name
@@ -117,7 +117,7 @@ class EpisodeDemand(NamedTuple):
     """The needs of an episode on a bridge.
 
     Attributes:
-        parameters: parameters of the scenario, without those that eigenfail reads itself.
+        parameters: parameters of the scenario, except the two that eigenfail reads itself.
         settings: settings of the planner.
         steps: horizon.
         dt_s: duration of a step according to the campaign.
@@ -132,10 +132,11 @@ class EpisodeDemand(NamedTuple):
 
 
 def check_address(address: str) -> str:
-    """The address, if a worker may connect to it.
+    """Return the address if a worker may connect to it.
 
     Raises:
-        InvalidValue: no valid address; or on another machine, over a network not declared trusted.
+        InvalidValue: not a valid address, or on another machine and the network is not declared
+            trusted.
     """
     if not ADDRESS.fullmatch(address):
         problem = f"'{address}' is not a valid bridge address."
@@ -152,7 +153,9 @@ def check_address(address: str) -> str:
 
 
 def check(spec: CampaignSpec) -> Variation:
-    """The scenario parameters of a campaign on a bridge; whether it knows them it says later.
+    """Check the scenario parameters of a campaign on a bridge, and return them.
+
+    The bridge itself accepts or refuses the names later.
 
     Raises:
         InvalidValue: the horizon is missing, a value is not a number, truth value or text, or there
@@ -169,11 +172,11 @@ def variation(
     field: str = "scenario_parameters",
     model: DisturbanceModel = POSITION_NOISE,
 ) -> Variation:
-    """Scenario parameters as a user gave them, each fixed, drawn, or chosen by a search.
+    """Return scenario parameters as a user gave them: each fixed, drawn, or chosen by a search.
 
     Args:
-        given: for each name a value, or a distribution.
-        field: where they stood, for the error.
+        given: value or distribution of each parameter, by name.
+        field: field that the parameters were given in, for the error.
         model: disturbance model, whose channels name the parameters that a search chooses.
 
     Raises:
@@ -191,10 +194,10 @@ def variation(
 
 
 def parameters_kind(given: Mapping[str, Any]) -> type[msgspec.Struct]:
-    """A struct of the parameters that were given: any, but for the two that eigenfail reads.
+    """Return a struct type for the given parameters: the two that eigenfail reads, and any others.
 
     Raises:
-        InvalidValue: a name that none can have.
+        InvalidValue: a name that a parameter cannot have.
     """
     others = [str(name) for name in given if name not in OWN]
     for name in others:
@@ -311,7 +314,7 @@ def _make_unknown(offer: BridgeOffer, field: str, name: str, known: Iterable[str
 
 
 def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
-    """Check that a bridge can disturb the channels of these names.
+    """Check that a bridge can disturb the named channels.
 
     Raises:
         UnknownName: it cannot disturb one of them.
@@ -340,11 +343,11 @@ def find_named_signals(spec: CampaignSpec) -> dict[str, set[str]]:
 
 
 def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requirements") -> None:
-    """Check that a bridge reports those of some signals whose names begin with `bridge.`.
+    """Check that a bridge reports all signals whose names begin with `bridge.`.
 
     Args:
         offer: what the bridge offers.
-        names: names of signals, as formulas have them.
+        names: names of signals, as in formulas; names with another prefix are ignored.
         field: field of the campaign that names them, for the error.
 
     Raises:

@@ -27,11 +27,10 @@ class Parser(argparse.ArgumentParser):
 
 
 class CheckedOutput:
-    """A text stream whose failed writes end the program in one sentence, or in silence.
+    """A text stream whose failed writes end the program with one sentence, or silently.
 
-    A reader that has closed its end of a pipe has seen enough: the program ends with 141 (SIGPIPE)
-    and says nothing. Whatever else cannot be written, to a full disk for example, is an
-    EigenfailError.
+    If the reader has closed its end of a pipe, the program ends silently with 141 (SIGPIPE). Any
+    other failed write, for example to a full disk, raises EigenfailError.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -39,7 +38,7 @@ class CheckedOutput:
         self._failure: EigenfailError | SystemExit | None = None
 
     def write(self, text: str) -> int:
-        """Write text; the number of characters."""
+        """Write text; return the number of characters."""
         if text == "":  # libraries try out by it what a stream takes
             return 0
         with self._checked():
@@ -56,7 +55,7 @@ class CheckedOutput:
             self._stream.flush()
 
     def __getattr__(self, name: str) -> Any:
-        """Everything else is the stream's own."""
+        """Return any other attribute from the stream."""
         return getattr(self._stream, name)
 
     @contextmanager
@@ -78,7 +77,7 @@ class CheckedOutput:
             raise self._failure
 
     def _discard(self) -> None:
-        """Lose the rest: the interpreter would fail at it once more, as it ends."""
+        """Discard unwritten text, at which the interpreter would fail again at exit."""
         with suppress(OSError, ValueError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
@@ -87,7 +86,7 @@ class CheckedOutput:
 
 @contextmanager
 def checked_stdout() -> Iterator[None]:
-    """Check that everything written to standard output in the block arrives, to its last byte.
+    """Check that everything written to standard output in the block arrives completely.
 
     Raises:
         EigenfailError: it could not be written.

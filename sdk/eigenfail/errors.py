@@ -1,39 +1,39 @@
 """Every error that eigenfail raises on purpose.
 
 EigenfailError
-├── InputError               what was asked for cannot be done as asked
+├── InputError               a request that cannot be carried out as it was made
 │   ├── UnknownName          no plug-in, setting or parameter of that name
 │   └── InvalidValue         a value outside its type or bounds
-├── Unauthorized             no key was shown, or none that is valid
-├── Forbidden                the key that was shown does not allow it
-│   └── QuotaExceeded        it allows it, but not so much of it
+├── Unauthorized             the key is missing or invalid
+├── Forbidden                the key does not allow the request
+│   └── QuotaExceeded        a quota of the key is exhausted
 ├── NotFound                 no campaign, episode or analysis of that id
-├── Conflict                 the thing exists, but its state forbids the request
-│   ├── IllegalTransition    a campaign cannot go from its state to the one asked for
+├── Conflict                 the state of the object forbids the request
+│   ├── IllegalTransition    a campaign cannot go from its state to the requested state
 │   ├── IdempotencyMismatch  one Idempotency-Key, two different requests
-│   ├── PreconditionFailed   it is not what `If-Match` names any more
-│   └── NoisePruned          an episode whose noise was taken away to make room
-├── EpisodeError             one episode cannot be completed; its campaign goes on
+│   ├── PreconditionFailed   the object no longer matches `If-Match`
+│   └── NoisePruned          the noise of an episode was deleted to free space
+├── EpisodeError             one episode cannot be completed; its campaign continues
 │   ├── SimulatorError
 │   ├── PlannerError
 │   ├── SolverError
-│   └── BridgeLost           the process that it ran in went away
+│   └── BridgeLost           the process that runs the episode is lost
 ├── ProtocolError            a message that does not follow the wire contract
 └── ServiceError             a part of the service is missing or in trouble
     ├── StoreUnavailable
-    │   ├── StoreUnwritable  it can be read, but not written: its disk is full
-    │   └── StoreDamaged     its file was truncated or overwritten
+    │   ├── StoreUnwritable  the database is read-only: its disk is full
+    │   └── StoreDamaged     the database file was truncated or overwritten
     ├── SchemaMismatch
     ├── PortTaken
     ├── ClaimLost
     ├── ClusterUnavailable
     ├── LearnerFailed
-    │   └── LearnerDiverged  a number in it is NaN or infinite
+    │   └── LearnerDiverged  a number in the learner is NaN or infinite
     ├── ServiceBusy
-    ├── WaitTimeout          what was waited for goes on
+    ├── WaitTimeout          the operation continues after the wait
     └── ServiceUnreachable
 
-Each class carries its HTTP status and its command-line exit code: this file is the one map of both.
+Each class has its HTTP status and its command-line exit code; only this file defines them.
 """
 
 from collections.abc import Iterable
@@ -62,8 +62,8 @@ JOINERS = frozenset("\u200c\u200d")
 def is_unsafe(letter: str) -> bool:
     """Return whether a character could change how the text around it is read or printed.
 
-    Of these are control characters and lone surrogates, and the invisible format characters: those
-    that reverse the direction of text (U+202E lets `gnp.exe` read `exe.png`) and those of no width.
+    Unsafe are control characters, lone surrogates and invisible format characters: characters that
+    reverse the direction of text (U+202E lets `gnp.exe` read `exe.png`) or have zero width.
     """
     return category(letter) in UNSAFE and letter not in JOINERS
 
@@ -80,14 +80,14 @@ CUT = " … (cut off)"
 
 
 def clean_text(text: str, longest: int = LONGEST_TEXT) -> str:
-    """Return the text without characters that a message, a log or a database refuses.
+    """Return the text without characters that a message, a log or a database cannot hold.
 
     Control characters other than newline and tab, invisible format characters and lone surrogates
     become their Python escapes.
 
     Args:
         text: any text.
-        longest: maximum length; a longer text is cut off [characters].
+        longest: maximum length; a longer text is cut off. [characters]
     """
     plain = "".join((text[: longest + 1],))  # an exact str, also of a subclass
     # Most texts are printable, and need no look at each letter.
@@ -103,7 +103,7 @@ def _escape(letter: str) -> str:
 
 
 def read_text(thing: object, longest: int = LONGEST_TEXT) -> str:
-    """Return `str(thing)` made safe, even if the object's `__str__` raises."""
+    """Return `str(thing)`, cleaned of unsafe characters, even if `__str__` raises."""
     try:
         return clean_text(str(thing), longest)
     except (Exception, SystemExit):  # noqa: BLE001 - a stranger's `__str__` may raise anything
@@ -142,7 +142,7 @@ class EigenfailError(Exception):
 
 
 def suggest_name(name: str, known: Iterable[str]) -> str:
-    """Return the known names in a sentence, after the one that may have been meant."""
+    """Return the most similar known name as a question, and all known names, as text."""
     names = sorted(known)
     if not names:
         return "There are none."
@@ -169,7 +169,7 @@ class UnknownName(InputError):
         field: path of the refused name.
         name: the unknown name.
         known: the known names.
-        problem: sentence that says to whom the name is not known; default: that it is not known.
+        problem: sentence on the unknown name; default: the name is not known.
     """
 
     def __init__(self, field: str, name: str, known: Iterable[str], problem: str = "") -> None:
@@ -184,14 +184,14 @@ class InvalidValue(InputError):
 
 
 class Unauthorized(EigenfailError):
-    """No key was shown, or none that is valid."""
+    """The key is missing or invalid."""
 
     http_status = 401
     exit_code = 2
 
 
 class Forbidden(EigenfailError):
-    """The key that was shown does not allow it."""
+    """The key does not allow the request."""
 
     http_status = 403
     exit_code = 2
@@ -209,14 +209,14 @@ class NotFound(EigenfailError):
 
 
 class Conflict(EigenfailError):
-    """The thing exists, but its state forbids the request."""
+    """The object exists, but its state forbids the request."""
 
     http_status = 409
     exit_code = 2
 
 
 class IllegalTransition(Conflict):
-    """A campaign cannot go from its state to the one asked for."""
+    """A campaign cannot go from its state to the requested state."""
 
 
 class IdempotencyMismatch(Conflict):
@@ -224,19 +224,19 @@ class IdempotencyMismatch(Conflict):
 
 
 class PreconditionFailed(Conflict):
-    """The thing is not, or no longer, the one that the request's `If-Match` names."""
+    """The object does not match, or no longer matches, the request's `If-Match`."""
 
     http_status = 412
 
 
 class NoisePruned(Conflict):
-    """An episode's row is there, but its noise was taken away to make room."""
+    """An episode's row exists, but its noise was deleted to free space."""
 
     http_status = 410
 
 
 class EpisodeError(EigenfailError):
-    """One episode cannot be completed: it is recorded as errored, and its campaign goes on."""
+    """One episode cannot be completed: it is recorded as errored, and its campaign continues."""
 
     kind: ClassVar[str] = "simulator"
 
@@ -252,13 +252,13 @@ class PlannerError(EpisodeError):
 
 
 class SolverError(EpisodeError):
-    """A solver inside the planner gave no usable answer and there was no fallback."""
+    """A solver inside the planner gave no usable answer, and the planner is without a fallback."""
 
     kind = "solver"
 
 
 class BridgeLost(EpisodeError):
-    """The bridge went away, forgot who asks, or has no room: no episode is to blame."""
+    """The bridge is lost, forgot this worker, or is full: the episode is not at fault."""
 
     http_status = 503
     kind = "infrastructure"
@@ -281,23 +281,23 @@ class StoreUnavailable(ServiceError):
 
 
 class StoreUnwritable(StoreUnavailable):
-    """The database can be read, but not written: its disk is full, or takes no writes."""
+    """The database can be read but not written: its disk is full or read-only."""
 
 
 class StoreDamaged(StoreUnavailable):
-    """The database's file was truncated or overwritten: a backup has to take its place."""
+    """The database's file was truncated or overwritten: it must be restored from a backup."""
 
 
 class SchemaMismatch(ServiceError):
-    """The database's schema is not the one this program was made for."""
+    """The database's schema does not match this program."""
 
 
 class PortTaken(ServiceError):
-    """Another process listens on the address asked for."""
+    """Another process listens on the requested address."""
 
 
 class ClaimLost(ServiceError):
-    """Another service has taken over what this one works on: it has nothing more to write."""
+    """Another service has taken over this service's work, so this one must stop writing."""
 
 
 class ClusterUnavailable(ServiceError):
@@ -309,15 +309,15 @@ class LearnerFailed(ServiceError):
 
 
 class LearnerDiverged(LearnerFailed):
-    """A number in the learner became NaN or infinite: it can go back, but not on."""
+    """A number in the learner became NaN or infinite: it can be restored, but not continue."""
 
 
 class ServiceBusy(ServiceError):
-    """Too many wait for the same kind of work: the answer may come if one asks again."""
+    """Too many requests wait for the same kind of work; a later request may succeed."""
 
 
 class WaitTimeout(ServiceError):
-    """The work did not end within the time limit of the caller, and continues."""
+    """The work did not end within the caller's time limit, and continues."""
 
 
 class ServiceUnreachable(ServiceError):

@@ -1,6 +1,6 @@
-"""Explanations of stored episodes: an episode is run again, and described in sentences.
+"""Explanations of stored episodes: an episode is run again and described in sentences.
 
-The names looked for in a planner's account of a step are those of `ExplainingPlanner`.
+`ExplainingPlanner` lists the names that are read from a planner's account of a step.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -50,12 +50,12 @@ def measure_gap(
     """Return the true gap to a vehicle along the road [m], and its closing speed [m/s].
 
     Args:
-        scene: course of the episode; None if there is none.
+        scene: course of the episode; None if it is not known.
         step: number of steps so far.
         vehicle: number of the vehicle, from 1.
 
     Returns:
-        None for both if the vehicle is not known, or is not there.
+        None for both if the vehicle is not known or not present.
     """
     if scene is None or vehicle is None or not 0 < vehicle < len(scene.sizes):
         return None, None
@@ -69,12 +69,12 @@ def measure_gap(
 
 
 def find_only_vehicle(scene: Scene | None) -> int | None:
-    """Return the number of the vehicle beside the ego, if there is only one in the episode."""
+    """Return the number of the only vehicle besides the ego; None if there are more."""
     return 1 if scene is not None and len(scene.sizes) == 2 else None
 
 
 def _name_vehicle(episode: ExplainedEpisode, vehicle: int | None, otherwise: str) -> str:
-    """Return a vehicle by its number, unless there is only one."""
+    """Return the words for a vehicle: with its number, unless there is only one vehicle."""
     scene = episode.result.scene
     if vehicle is None or scene is None or len(scene.sizes) == 2:
         return otherwise
@@ -276,7 +276,7 @@ def _format_time(step: ExplainedStep) -> str:
 
 
 def read_word(step: ExplainedStep, name: str) -> str:
-    """Return a text of the planner's account of a step; empty if it has none of that name."""
+    """Return a text from the planner's account of a step; empty if the name is missing."""
     return str(step.account.get(name, ""))
 
 
@@ -286,7 +286,7 @@ def _read_figure(step: ExplainedStep, name: str) -> float:
 
 
 def _find_speed_error(step: ExplainedStep) -> float | None:
-    """Return the true closing speed minus the planner's estimate [m/s], if it gives one."""
+    """Return the true closing speed minus the planner's estimate [m/s]; None without one."""
     if step.closing_mps is None or "closing_mps" not in step.account:
         return None
     return step.closing_mps - _read_figure(step, "closing_mps")
@@ -355,7 +355,7 @@ def describe_replay(replayed: Replayed) -> str:
 
 
 def describe_unsteadiness(how: str) -> str:
-    """State in sentences that a stack does not repeat itself, and by how much."""
+    """State in sentences that a stack does not repeat itself, and how its runs differ."""
     return (
         f"The stack does not repeat itself: two replays of the same noise with the same code "
         f"differ ({how}). Fix its random seeds, and keep time and threads out of its decisions."
@@ -387,14 +387,14 @@ def encode_question(campaign: int, spec: CampaignSpec, stored: EpisodeResult) ->
 
 
 def explain_in_process(asked: bytes, timeout_s: float = TIMEOUT_S) -> Explanation:
-    """Explain an episode in a separate process, which may fail without harm to this one.
+    """Explain an episode in a separate process, which may fail without harm to this process.
 
     Args:
-        asked: made by `encode_question`.
-        timeout_s: time after which the process is killed [s].
+        asked: question made by `encode_question`.
+        timeout_s: time after which the process is killed. [s]
 
     Raises:
-        InvalidValue: the episode has no course to explain.
+        InvalidValue: the episode does not have a course to explain.
         ServiceError: the simulator is not installed here, or the process gave no answer.
     """
     return _answers.decode(processes.ask(MODULE, asked, timeout_s))

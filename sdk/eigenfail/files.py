@@ -1,4 +1,4 @@
-"""Files that a user names: read within bounds, and written whole or for their owner alone."""
+"""Files that a user names: read within bounds, and written completely or for their owner only."""
 
 import csv
 import errno
@@ -48,9 +48,9 @@ MOST_EDITS, SHORTEST_MISSPELT = 2, 4
 
 
 def make_private_folder(folder: Path) -> None:
-    """Make a folder, and those above it that are missing, for their owner alone.
+    """Make a folder and its missing parents, accessible to their owner only.
 
-    A folder that is there already keeps its permissions.
+    An existing folder keeps its permissions.
 
     Raises:
         OSError: it cannot be made.
@@ -63,13 +63,13 @@ def make_private_folder(folder: Path) -> None:
 
 
 def open_private(path: Path, mode: str) -> IO[bytes]:
-    """Open a file to write bytes to it; one that is made is for its owner alone.
+    """Open a file to write bytes to it; a new file is accessible to its owner only.
 
-    A file that is there already keeps its permissions.
+    An existing file keeps its permissions.
 
     Args:
         path: path of the file.
-        mode: as `open` takes it, for bytes: ab, wb or xb.
+        mode: binary mode of `open`: ab, wb or xb.
 
     Raises:
         OSError: it cannot be opened.
@@ -103,13 +103,13 @@ def check_output_folder(
     """Refuse to write over a folder, unless force is given and all files in it are of one kind.
 
     Args:
-        folder: folder that may be there.
+        folder: folder that may exist.
         kind: kind of output, for errors: a "report".
-        own_names: what the paths of such files match, within the folder.
+        own_names: pattern of the paths of such files within the folder.
         force: whether files of that kind may be replaced.
 
     Raises:
-        InvalidValue: something is there that stays.
+        InvalidValue: the folder has a file that must not be replaced.
     """
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
@@ -129,7 +129,7 @@ def check_output_folder(
 
 
 def write_folder(files: Mapping[str, bytes], folder: Path) -> None:
-    """Write files, by their paths within a folder: the folder has all of them or stays as it was.
+    """Write files by their paths within a folder: either all of them, or the folder is unchanged.
 
     Raises:
         ServiceError: they cannot be written.
@@ -146,9 +146,9 @@ def write_folder(files: Mapping[str, bytes], folder: Path) -> None:
 
 @contextmanager
 def replace_whole(place: Path) -> Iterator[Path]:
-    """Yield a path: the file or folder that is made there is moved to a place at the end.
+    """Yield a temporary path; a file or folder made there is moved to `place` at the end.
 
-    What was in that place is removed, or stays if anything fails.
+    Previous contents of `place` are removed, or kept if anything fails.
 
     Raises:
         OSError: it cannot be moved there.
@@ -173,10 +173,10 @@ def replace_whole(place: Path) -> Iterator[Path]:
 
 
 def write_private(path: Path, text: str, field: str) -> None:
-    """Make a file with one line that its owner alone can read; nothing is ever written over.
+    """Make a file with one line that only its owner can read; an existing file is not replaced.
 
     Raises:
-        InvalidValue: it is there already, or cannot be written.
+        InvalidValue: it exists already, or cannot be written.
     """
     with _written(path, field):
         descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, OWNER_ONLY)
@@ -185,17 +185,17 @@ def write_private(path: Path, text: str, field: str) -> None:
 
 
 def write_new(path: Path, text: str, field: str) -> None:
-    """Make a text file; nothing is ever written over.
+    """Make a text file; an existing file is not replaced.
 
     Raises:
-        InvalidValue: it is there already, or cannot be written.
+        InvalidValue: it exists already, or cannot be written.
     """
     with _written(path, field), path.open("x", encoding="utf-8") as file:
         file.write(text)
 
 
 def replace_private(path: Path, text: str, field: str) -> None:
-    """The same, in the place of what may be there already: all of it or nothing.
+    """Make a file with one line that only its owner can read; replace an existing file whole.
 
     Raises:
         InvalidValue: it cannot be written.
@@ -223,12 +223,12 @@ OPEN_FILES = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
 def open_regular(path: Path, most_bytes: int) -> BinaryIO:
     """Open a regular file to read bytes, or a pipe that this process was started with.
 
-    Devices have no end, and opening a named pipe waits for a writer: neither is opened. The shell
-    has opened the pipes of `<(…)` and of standard input.
+    Devices and named pipes are refused: devices do not end, and opening a named pipe waits for a
+    writer. The pipes of `<(…)` and of standard input were already opened by the shell.
 
     Args:
         path: path of the file.
-        most_bytes: largest size that is accepted.
+        most_bytes: largest accepted size.
 
     Raises:
         OSError: it cannot be opened, is another kind of file, or is larger.
@@ -268,10 +268,10 @@ def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 def read_private(path: Path, field: str) -> str:
-    """The line in it.
+    """Return the line in a private file.
 
     Raises:
-        InvalidValue: it cannot be read, or every user of the machine can.
+        InvalidValue: it cannot be read, or every user of the machine can read it.
     """
     try:
         with open_regular(path, MOST_BYTES) as file:
@@ -287,11 +287,11 @@ def read_private(path: Path, field: str) -> str:
 
 
 def read_toml(file: Path, like: str) -> dict[str, Any]:
-    """The table in a file.
+    """Return the table in a TOML file.
 
     Args:
-        file: its path.
-        like: what such a file should be: the remedy of every error.
+        file: path of the file.
+        like: description of a valid file: the remedy of every error.
 
     Raises:
         InvalidValue: it cannot be read, or is not TOML.
@@ -306,12 +306,12 @@ def read_toml(file: Path, like: str) -> dict[str, Any]:
 
 
 def parse_toml(text: str, field: str, like: str) -> dict[str, Any]:
-    """Return the table in a text.
+    """Return the table in a TOML text.
 
     Args:
         text: TOML.
         field: name of the text, for the error.
-        like: what such a text should be: the remedy of the error.
+        like: description of a valid text: the remedy of the error.
 
     Raises:
         InvalidValue: it is not TOML.
@@ -324,14 +324,14 @@ def parse_toml(text: str, field: str, like: str) -> dict[str, Any]:
 
 
 class TableColumns(NamedTuple):
-    """Columns that a table may have. All but the text are numbers.
+    """Columns that a table may have. All except the column of text are numbers.
 
     Attributes:
-        text: the only column of text, which is required; empty for none.
-        required: columns that it must have.
-        optional: columns that it may have.
-        like: what such a table is: the remedy of every error.
-        most_rows: most rows that it may have.
+        text: the only column of text, which is required; empty if the table does not need one.
+        required: columns that the table must have.
+        optional: columns that the table may have.
+        like: description of a valid table: the remedy of every error.
+        most_rows: largest permitted number of rows.
     """
 
     text: str
@@ -342,14 +342,15 @@ class TableColumns(NamedTuple):
 
 
 class DataTable(NamedTuple):
-    """The columns of a table that are used.
+    """The used columns of a table.
 
     Attributes:
-        rows: number of each row in its file: of CSV its line, of Parquet from 1. Shape (n,).
-        texts: the different values of the column of text, in the order of their first rows.
-        text: place of each row's value among them, shape (n,).
-        numbers: each column of numbers by name, NaN if a cell is empty, shape (n,).
-        unread: names of the other columns, as the file has them.
+        rows: number of each row in its file: the line in CSV, counted from 1 in Parquet. Shape
+            (n,).
+        texts: distinct values of the column of text, in the order of their first rows.
+        text: index in `texts` of each row's value, shape (n,).
+        numbers: each column of numbers by name, NaN for an empty cell, shape (n,).
+        unread: names of the unused columns, as in the file.
     """
 
     rows: "array[int]"
@@ -364,19 +365,19 @@ Cells = Iterable[tuple[int, Sequence[object]]]
 
 
 def read_table(path: Path, columns: TableColumns, field: str = "") -> DataTable:
-    """Return the columns of a table of CSV, or of Parquet if its name ends in `.parquet`.
+    """Read the columns of a CSV table, or of a Parquet table if the name ends in `.parquet`.
 
-    Names of columns may be in capitals, and have blanks around them. Cells of CSV may be separated
-    by commas, semicolons, tabs, bars or blanks, whichever the names of its header are separated by.
+    Column names may be in capitals and may have blanks around them. CSV cells may be separated by
+    commas, semicolons, tabs, bars or blanks; the header determines the separator.
 
     Args:
         path: path of the file.
-        columns: columns that are used.
-        field: what named the file, for errors; empty for its name.
+        columns: columns to use.
+        field: option or field that named the file, for errors; empty for the file's name.
 
     Raises:
-        InvalidValue: the file cannot be read or is larger than what is read, lacks a column, or
-            has one whose name is nearly that of an optional one, or a cell that is not a number.
+        InvalidValue: the file cannot be read or is too large; a column is missing, or has nearly
+            the name of an optional column; or a cell is not a number.
     """
     field = field or path.name
     is_parquet = path.suffix.lower() == ".parquet"
@@ -419,7 +420,7 @@ def _read_csv(file: IO[str], columns: TableColumns, field: str) -> DataTable:
 
 
 def _count_cells(cells: Sequence[str]) -> int:
-    """Return how many cells a row has, without the empty ones that blanks at its end make."""
+    """Return the number of cells in a row, without empty cells from blanks at its end."""
     count = len(cells)
     while count and not cells[count - 1].strip():
         count -= 1
@@ -434,7 +435,7 @@ def _list_lines(file: IO[str]) -> Iterator[str]:
 
 
 def _find_delimiter(header: str, columns: TableColumns) -> str:
-    """Return what separates the names of a header: what most names that are used result from."""
+    """Return the delimiter of a header: the one that yields the most names of used columns."""
     wanted = set(map(_simplify_name, (columns.text, *columns.required, *columns.optional)))
 
     def count_known(delimiter: str) -> int:
@@ -489,13 +490,13 @@ def _collect(
     columns: TableColumns,
     field: str,
 ) -> DataTable:
-    """Return the columns that are used.
+    """Return the used columns.
 
     Args:
         names: names of the columns in the file.
-        list_cells: returns the rows, given the places of the columns that are used.
-        columns: columns that are used.
-        field: what named the file, for errors.
+        list_cells: returns the rows, given the positions of the used columns.
+        columns: columns to use.
+        field: option or field that named the file, for errors.
     """
     places = _place_columns(names, columns, field)
     numbers = {name: array("d") for name in places if name != columns.text}
@@ -530,11 +531,11 @@ def _collect(
 
 
 def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> dict[str, int]:
-    """Return the place of each column that is used.
+    """Return the position of each used column.
 
     Raises:
-        InvalidValue: a column is missing, is there twice, or has nearly the name of one that is
-            used and not there.
+        InvalidValue: a column is missing, exists twice, or has nearly the name of a missing
+            optional column.
     """
     simple = list(map(_simplify_name, names))
     required = (*([columns.text] if columns.text else []), *columns.required)
@@ -563,7 +564,7 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
 
 
 def _suggest_column(missing: str, others: Sequence[str]) -> str:
-    """Return which of the unknown columns a missing one may be, with a blank; empty if none is."""
+    """Return a hint at a misnamed column for a missing one, after a blank; empty without one."""
     # A column that a user names himself, without a unit, is misspelt rather than converted.
     has_unit = "_" in missing
     if has_unit and (meant := [name for name in others if _is_in_other_unit(name, missing)]):
@@ -572,14 +573,14 @@ def _suggest_column(missing: str, others: Sequence[str]) -> str:
 
 
 def _is_meant(name: str, column: str) -> bool:
-    """Return whether a name is that of a column without its unit, in another unit, or misspelt."""
+    """Return whether a name means a column: without its unit, with another unit, or misspelt."""
     if _is_in_other_unit(name, column):
         return True
     return len(column) > SHORTEST_MISSPELT and _is_misspelt(name.strip(), column)
 
 
 def _is_in_other_unit(name: str, column: str) -> bool:
-    """Return whether a name is that of a column without its unit, or in another unit."""
+    """Return whether a name equals a column's name without its unit, or with another unit."""
     quantity = _squash(column.rpartition("_")[0] or column)
     squashed = _squash(name)
     unit = squashed.removeprefix(quantity)
@@ -604,7 +605,7 @@ def _is_misspelt(name: str, column: str) -> bool:
 
 
 def _find_places(name: str, names: Sequence[str]) -> list[int]:
-    """Return where columns of a name are; of one in other letters if there is none in the same."""
+    """Return the positions of columns with a name; ignore case only if none matches exactly."""
     exact = [place for place, given in enumerate(names) if given.strip() == name]
     simple = _simplify_name(name)
     return exact or [place for place, given in enumerate(names) if _simplify_name(given) == simple]

@@ -56,7 +56,7 @@ class Column(msgspec.Struct, frozen=True):
 
     @property
     def is_ordered(self) -> bool:
-        """Whether episodes can be sorted by this column."""
+        """True if episodes can be sorted by this column."""
         return self.kind in {ColumnKind.NUMBER, ColumnKind.WHOLE}
 
 
@@ -113,7 +113,7 @@ _KNOWN = (*COLUMNS, "requirement_1")
 
 
 def find_requirement(column: str) -> int | None:
-    """Return the number of the requirement, from 1, whose robustness a column has; else None."""
+    """Return the number, from 1, of the requirement whose robustness a column holds; else None."""
     found = _REQUIREMENT.fullmatch(column)
     number = int(found[1]) if found else 0
     return number if 1 <= number <= MOST_REQUIREMENTS else None
@@ -124,10 +124,10 @@ def find_column(name: str, field: str) -> Column:
 
     Args:
         name: one of `COLUMNS`, or `requirement_` and the number of a requirement, from 1.
-        field: where the name stands, for the error.
+        field: field that has the name, for the error.
 
     Raises:
-        UnknownName: there is no such column.
+        UnknownName: the column does not exist.
     """
     if name in COLUMNS:
         return COLUMNS[name]
@@ -194,7 +194,7 @@ class Condition(msgspec.Struct, frozen=True):
     value: Value
 
     def holds(self, row: EpisodeRow) -> bool:
-        """Whether a row fulfils the condition; a missing value never does."""
+        """Return whether a row fulfils the condition; False for a missing value."""
         value = read_value(row, self.column)
         return value is not None and bool(COMPARE[self.operator](value, self.value))
 
@@ -204,7 +204,7 @@ Conditions = tuple[Condition, ...]
 
 
 def make_outcome_condition(outcome: Outcome | None) -> Conditions:
-    """Return the condition for an outcome; no condition for None."""
+    """Return the condition for an outcome; empty for None."""
     return () if outcome is None else (Condition("outcome", Operator.EQUAL, outcome.value),)
 
 
@@ -332,7 +332,7 @@ class _FilterReader:
 
     @property
     def at_end(self) -> bool:
-        """Whether only white space is left."""
+        """Return whether only white space is left."""
         self._skip()
         return self._at == len(self._text)
 
@@ -397,7 +397,7 @@ pages in its order would not follow each other without gap or overlap."""
 
 
 class SortOrder(msgspec.Struct, frozen=True):
-    """Order by a column, and among equal values by index, both in the same direction.
+    """Order by a column, then by index, both in the same direction.
 
     Rows without a value come last in both directions.
     """
@@ -418,7 +418,7 @@ def parse_sort(text: str) -> SortOrder:
     """Parse a sort order: a column, or -column for the largest values first.
 
     Raises:
-        UnknownName: the column does not exist, or has no order.
+        UnknownName: the column does not exist, or cannot be sorted.
     """
     name = text.strip().removeprefix("-")
     if name not in ORDERED and find_requirement(name) is None:

@@ -56,7 +56,7 @@ Noise = NDArray[np.float64]
 
 
 class FunctionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a campaign sets under `scenario_parameters`."""
+    """The `scenario_parameters` of a campaign on a function."""
 
     steps: Annotated[int, Meta(ge=1, le=10_000, description="steps of a noise trajectory")]
     limit_s: Annotated[
@@ -73,12 +73,12 @@ class FunctionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class FunctionUnderTest:
-    """A function that is declared to be a system under test; called, it is the function itself.
+    """A function that is declared as a system under test; a call calls the function itself.
 
     Args:
-        function: from noise, shape (*leading, steps, channels) [sigma], to robustness, shape
+        function: maps noise, shape (*leading, steps, channels) [sigma], to robustness, shape
             (*leading,).
-        leading: (), or (1,) for a function of a batch.
+        leading: leading shape: (), or (1,) for a function of a batch.
     """
 
     def __init__(self, function: Callable[..., Any], leading: tuple[int, ...]) -> None:
@@ -87,33 +87,33 @@ class FunctionUnderTest:
         self.leading = leading
 
     def __call__(self, z: Noise) -> Any:
-        """Return the answer of the function."""
+        """Return the function's result."""
         return self._function(z)
 
 
 def of_trajectory(function: Callable[[Noise], Any]) -> FunctionUnderTest:
     """Declare a function of one noise trajectory, shape (steps, channels) [sigma], as under test.
 
-    It answers the robustness, one finite number: a failure where it is 0 or less.
+    It returns the robustness, one finite number; 0 or less is a failure.
     """
     return FunctionUnderTest(function, ())
 
 
 def of_batch(function: Callable[[Noise], Any]) -> FunctionUnderTest:
-    """Declare a function of a batch of them, shape (n, steps, channels) [sigma], as under test.
+    """Declare a function of n trajectories, shape (n, steps, channels) [sigma], as under test.
 
-    It answers their robustness, shape (n,). Episodes are handed to it one at a time, n = 1: the
-    last bits of many batched products depend on n, and an episode must not.
+    It returns their robustness, shape (n,). It receives one episode at a time, n = 1: the last bits
+    of many batched products depend on n, but an episode must not.
     """
     return FunctionUnderTest(function, (1,))
 
 
 def check(spec: CampaignSpec) -> FunctionParameters:
-    """The parameters of a campaign on a function; the function itself is not looked for.
+    """Return the parameters of a campaign on a function, without a search for the function.
 
     Raises:
-        UnknownName: a parameter that there is not.
-        InvalidValue: a value outside its bounds, or one that means nothing to a function.
+        UnknownName: a parameter does not exist.
+        InvalidValue: a value is outside its bounds, or does not apply to a function.
     """
     if spec.scenario != SCENARIO:
         problem = f"'{spec.scenario}' is not a scenario of the simulator '{SIMULATOR}'."
@@ -158,11 +158,11 @@ def _check_channels(given: FunctionParameters) -> None:
 
 
 def require_module(place: str) -> None:
-    """Make sure, before anything is started here, that the module can be found; nothing is run.
+    """Check, before anything is started here, that the module can be found; nothing is run.
 
     Raises:
-        InvalidValue: it is neither in this folder nor on PYTHONPATH nor installed, or its source
-            defines no such function.
+        InvalidValue: it is not in this folder, on PYTHONPATH or installed, or its source does not
+            define the function.
     """
     package = place.partition(":")[0].partition(".")[0]
     look_in_this_folder()
@@ -172,10 +172,10 @@ def require_module(place: str) -> None:
 
 
 def refuse_undefined(place: str) -> None:
-    """Refuse a name that the source of its module binds nowhere at the top level; nothing is run.
+    """Refuse a name that its module's source does not bind at the top level; nothing is run.
 
-    If the source cannot be found or parsed here, or may bind names that it does not spell out,
-    the workers decide.
+    If the source cannot be found or parsed here, or may bind names that do not appear in it, the
+    workers decide.
 
     Raises:
         InvalidValue: no top-level statement of the module defines, assigns or imports the name.
@@ -192,7 +192,7 @@ def refuse_undefined(place: str) -> None:
 
 
 def _parse_source(module: str) -> ast.Module | None:
-    """Return the syntax tree of a module's source file; None if there is none to be read."""
+    """Return the syntax tree of a module's source file; None if it cannot be read."""
     try:
         spec = _find_without_import(module)
         if spec is None or not spec.has_location or not str(spec.origin).endswith(".py"):
@@ -203,10 +203,10 @@ def _parse_source(module: str) -> ast.Module | None:
 
 
 def _find_without_import(module: str) -> ModuleSpec | None:
-    """Find a module as workers do. `find_spec` alone would import, and so run, the packages above.
+    """Find a module as workers do, without `find_spec`'s import of the packages above it.
 
     Raises:
-        ValueError: the module is loaded, and does not say from where.
+        ValueError: the module is loaded, but does not state its source.
     """
     top, *below = module.split(".")
     spec = find_spec(top) or PathFinder.find_spec(top, [str(Path.cwd())])
@@ -219,7 +219,7 @@ def _find_without_import(module: str) -> ModuleSpec | None:
 
 
 def _binds_unseen_names(tree: ast.Module) -> bool:
-    """Whether a module may have names that no statement of it spells out."""
+    """Return whether a module may bind names that do not appear in its source."""
     nodes = tuple(ast.walk(tree))
     used = {node.id for node in nodes if isinstance(node, ast.Name)}
     # What a star brings is known only once the other module has run.
@@ -251,14 +251,14 @@ def _list_bound_names(node: ast.AST) -> Iterator[str]:
 def refuse_unlisted(place: str, remedy: str = "") -> None:
     """Refuse a function whose module this process may not import.
 
-    A campaign comes from a request, and to import is to run: no request adds to the list.
+    Campaigns come from requests, and an import runs code: no request can extend the list.
 
     Args:
-        place: of the function.
-        remedy: where this process is not a service's.
+        place: `module:function`.
+        remedy: remedy for the error if this process is not part of a service.
 
     Raises:
-        InvalidValue: neither the module nor a package around it is on it.
+        InvalidValue: neither the module nor a package around it is on the list.
     """
     if not is_listed(place):
         module = place.partition(":")[0]
@@ -271,23 +271,23 @@ def refuse_unlisted(place: str, remedy: str = "") -> None:
 
 
 def is_listed(place: str) -> bool:
-    """Whether the module, or a package around it, may be imported here."""
+    """Return whether the module, or a package around it, may be imported here."""
     module, listed = place.partition(":")[0], os.environ.get(ALLOWED_VARIABLE, "")
     # With a dot behind both, so that `plan` does not list `planner`.
     return any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(","))
 
 
 def up_option() -> str:
-    """What `eigenfail up` needs in order to list the same, with a space before it."""
+    """Return the option of `eigenfail up` for the same list, after a space; empty if not set."""
     listed = os.environ.get(ALLOWED_VARIABLE)
     return f" --functions {quote(listed)}" if listed else ""
 
 
 def allow(places: str) -> None:
-    """List what may be imported, for this process and those that it starts from now on.
+    """Set the modules that this process, and processes that it starts later, may import.
 
     Args:
-        places: modules and packages, with commas.
+        places: modules and packages, separated by commas.
 
     Raises:
         InvalidValue: one of them is not a valid module name.
@@ -300,10 +300,10 @@ def allow(places: str) -> None:
 
 
 def allow_functions(specs: Iterable[CampaignSpec]) -> None:
-    """Allow the modules that these campaigns name, in a service that is started for them alone.
+    """Allow the modules of the given campaigns, in a service that is started only for them.
 
     The user who starts that service chose the file of the campaigns. If the environment variable
-    lists modules already, that list stays as it is.
+    lists modules already, that list does not change.
     """
     places = [spec.planner for spec in specs if spec.simulator == SIMULATOR]
     modules = sorted({place.partition(":")[0] for place in places if PLACE.fullmatch(place)})
@@ -313,7 +313,7 @@ def allow_functions(specs: Iterable[CampaignSpec]) -> None:
 
 
 def look_in_this_folder() -> None:
-    """Have modules of the working folder found, after all others."""
+    """Add the working folder to the end of the module search path."""
     if (here := str(Path.cwd())) not in sys.path:
         # At the end: a file of this folder must not replace an installed module of its name.
         sys.path.append(here)

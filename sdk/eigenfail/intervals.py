@@ -16,16 +16,16 @@ HALVINGS = 60
 
 
 def find_interval(k: int, n: int, doubtful: int = 0) -> Interval:
-    """The 95 % interval of a probability after k events in n trials.
+    """Return the 95 % interval of a probability after k events in n trials.
 
-    The upper end counts doubtful trials as events, the lower end as none: nothing is assumed of
-    how they would have ended. Wilson's score interval in between; where only one side is open, all
-    5 % are spent on that side, and its end is exact.
+    The upper end counts doubtful trials as events, the lower end does not: the interval assumes
+    nothing about their outcomes. In general it is Wilson's score interval. If only one side is
+    open, that side takes all 5 % of the error, and its end is exact.
 
     Args:
         k: number of trials that are known to be events.
         n: number of all trials.
-        doubtful: number of the other trials that may be events: they errored, or were cut short.
+        doubtful: number of further trials that may be events: they errored, or were cut short.
 
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
@@ -46,7 +46,7 @@ def bound_rate(rate: Rate) -> Interval:
 
 
 def bound_both_sides(rate: Rate) -> Interval:
-    """Return Wilson's interval of a rate, also where all episodes ended alike.
+    """Return Wilson's interval of a rate, even if all episodes ended alike.
 
     As in `find_interval`, the upper end counts errored and unresolved episodes as events.
     """
@@ -55,7 +55,7 @@ def bound_both_sides(rate: Rate) -> Interval:
 
 
 def refuse_no_share(k: int, n: int) -> None:
-    """Make sure that k of n is a share.
+    """Check that k of n is a share.
 
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
@@ -65,11 +65,11 @@ def refuse_no_share(k: int, n: int) -> None:
 
 
 def wilson(k: int, n: int) -> Interval:
-    """The two-sided score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209–212).
+    """Return the two-sided score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209–212).
 
-    All p at which k is at most `Z` standard deviations from n·p: (k − n·p)² = Z²·n·p·(1 − p).
-    Averaged over p it holds the truth in 95 % of cases; at its worst, near n·p = 0.17, in 84 %,
-    since its lower end is a little high after a single event.
+    It holds all p at which k is at most `Z` standard deviations from n·p; its ends solve
+    (k − n·p)² = Z²·n·p·(1 − p). Averaged over p it contains the true p in 95 % of cases. At worst,
+    near n·p = 0.17, it does so in 84 %, since its lower end is a little high after a single event.
     """
     centre = (k + Z**2 / 2.0) / (n + Z**2)
     half_width = Z / (n + Z**2) * sqrt(k * (n - k) / n + Z**2 / 4.0)
@@ -119,7 +119,7 @@ def sum_lower_tail(k: int, n: int, p: float) -> float:
 
 
 def find_crossing(low: float, high: float, is_below: Callable[[float], bool]) -> float:
-    """Return where a condition that holds at the low end stops holding."""
+    """Return the point at which a condition that holds at the low end stops holding."""
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
         low, high = (middle, high) if is_below(middle) else (low, middle)
@@ -127,17 +127,18 @@ def find_crossing(low: float, high: float, is_below: Callable[[float], bool]) ->
 
 
 def difference(a: Rate, b: Rate) -> Difference:
-    """Return the rate of b minus that of a, with its 95 % interval, for independent samples.
+    """Return the difference of two rates, b − a, with its 95 % interval, for independent samples.
 
-    Newcombe's hybrid score interval: with the intervals (l, u) of the two rates p, Wilson's,
-    d − sqrt((p_b − l_b)² + (u_a − p_a)²) to d + sqrt((u_b − p_b)² + (p_a − l_a)²). Of paired
-    samples see `paired_difference`.
+    It is Newcombe's hybrid score interval, computed from the estimates p and Wilson's intervals
+    (l, u) of both rates. With d = p_b − p_a, it goes from
+    d − sqrt((p_b − l_b)² + (u_a − p_a)²) to d + sqrt((u_b − p_b)² + (p_a − l_a)²).
+    For paired samples see `paired_difference`.
     Source: Newcombe 1998, Statistics in Medicine 17, 873–890, method 10; with other intervals:
     Zou and Donner 2008, Statistics in Medicine 27, 1693–1702.
 
     Args:
-        a: with a two-sided interval. Of a rate without an estimate, the share is taken.
-        b: the same.
+        a: rate with a two-sided interval; without an estimate, its share of events is used.
+        b: second rate, like `a`.
 
     Raises:
         InvalidValue: a rate without an interval.
@@ -154,11 +155,11 @@ def difference(a: Rate, b: Rate) -> Difference:
 
 
 def mcnemar(pairs: PairTotals) -> McNemar:
-    """Return McNemar's exact test: only pairs in which just one side failed distinguish the sides.
+    """Return McNemar's exact test, which uses only pairs with a failure on exactly one side.
 
-    If both sides were equally prone to fail, each would be that one with probability 1/2: the
-    p-value is twice the binomial tail of the rarer, at most 1. Source: McNemar 1947, Psychometrika
-    12, 153–157.
+    If both sides were equally prone to fail, each side would be the failed one with probability
+    1/2. The p-value is twice the binomial tail of the rarer case, at most 1. Source: McNemar 1947,
+    Psychometrika 12, 153–157.
     """
     rarer = min(pairs.only_first, pairs.only_second)
     tail = sum_lower_tail(rarer, pairs.only_first + pairs.only_second, 0.5)
@@ -173,13 +174,13 @@ def mcnemar(pairs: PairTotals) -> McNemar:
 
 
 def paired_difference(pairs: PairTotals) -> Difference:
-    """Return the rate of the second side minus that of the first, for paired samples.
+    """Return the rate of the second side minus the first side's rate, for paired samples.
 
-    Tango's score interval, of 95 %: all differences d at which (b − c − n·d)² is at most
-    Z² · n · (2·q + d·(1 − d)), with b pairs in which only the second failed, c in which only the
-    first did, and q the likeliest probability of the latter at this d, the root of
-    2n·q² + ((2n − b + c)·d − b − c)·q − c·d·(1 − d) = 0. It excludes 0 if and only if McNemar's
-    test without correction has p < 0.05: (b − c)² > Z² · (b + c).
+    The interval is Tango's score interval of 95 %. It holds all differences d at which
+    (b − c − n·d)² is at most Z² · n · (2·q + d·(1 − d)). In b pairs only the second side failed,
+    in c pairs only the first side failed. The likeliest probability of such a c pair at this d is
+    q. It is the root of 2n·q² + ((2n − b + c)·d − b − c)·q − c·d·(1 − d) = 0. The interval excludes
+    0 if and only if McNemar's test without correction has p < 0.05: (b − c)² > Z² · (b + c).
     Source: Tango 1998, Statistics in Medicine 17, 891–908; recommended by Newcombe 1998, Statistics
     in Medicine 17, 2635–2650.
 
@@ -201,7 +202,7 @@ def paired_difference(pairs: PairTotals) -> Difference:
 
 
 def _score_pairs(more: int, fewer: int, n: int, at: float) -> float:
-    """Return by how many standard deviations the observed difference is above a given one."""
+    """Return the observed difference minus a given one, in standard deviations."""
     away = more - fewer - n * at
     half = ((2 * n - more + fewer) * at - more - fewer) / 2.0
     # Rounding may lead a little below 0, here and in the next line.
@@ -214,7 +215,7 @@ def _score_pairs(more: int, fewer: int, n: int, at: float) -> float:
 
 
 def _place_rate(rate: Rate) -> tuple[float, float, float]:
-    """Return the estimate of a rate, inside its interval, and both ends of that."""
+    """Return the estimate of a rate, clipped to its interval, and both ends of the interval."""
     bounds = rate.interval or Interval(0.0, 1.0)
     value = rate.share if rate.value is None else rate.value
     # An estimate without bias may lie a little outside of its interval.

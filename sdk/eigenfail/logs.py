@@ -1,10 +1,10 @@
-"""What the processes of a service say of themselves: on standard error, as text or as JSON.
+"""Logs of the processes of a service: on standard error, as text or as JSON.
 
-As JSON, each line is an object: `timestamp`, `level`, `event`, `process` (controller, services,
-worker), and whatever it concerns by the same names everywhere: `campaign`, `episode`, `worker`.
-structlog comes with services and workers; the bare client has none, and logs nothing.
+As JSON, each line is an object with `timestamp`, `level`, `event` and `process` (controller,
+services, worker). If they apply, it also has `campaign`, `episode` and `worker`, with the same
+names in all logs. structlog comes with services and workers; the bare client does not log.
 
-Whatever is written is rid of keys and passwords, and no traceback shows the values of variables.
+Keys and passwords are removed from all logs, and tracebacks do not show the values of variables.
 """
 
 import logging
@@ -31,7 +31,7 @@ class LossyStderr:
     """
 
     def write(self, text: str) -> int:
-        """As many characters as are written, or lost."""
+        """Write text; return the number of characters that are written or lost."""
         with suppress(OSError, ValueError):
             sys.stderr.write(redact(text))
         return len(text)
@@ -43,7 +43,7 @@ class LossyStderr:
 
 
 class Handler(logging.StreamHandler[TextIO]):
-    """Logs of others by the standard library, such as the HTTP server."""
+    """Handler for logs of other libraries through `logging`, such as the HTTP server's."""
 
     def handleError(self, _record: logging.LogRecord) -> None:  # noqa: N802 - the library's name
         """Drop a record that cannot be formatted: the library would print its arguments."""
@@ -56,10 +56,10 @@ def configure(process: str) -> None:
     """Log to standard error, uncaught errors included; logging itself never raises.
 
     Args:
-        process: which one of the service it is.
+        process: name of the process: controller, services or worker.
 
     Raises:
-        InvalidValue: the environment asks for a format that there is not.
+        InvalidValue: the environment names an unknown format.
     """
     import structlog
 

@@ -25,11 +25,11 @@ class MethodDescription(msgspec.Struct, frozen=True):
 
     Attributes:
         name: name of its entry point.
-        plugin: makes learners.
-        traits: what it declares of itself.
+        plugin: the method itself, which makes learners.
+        traits: its declared traits.
         estimates: whether its learners estimate the failure probability.
-        weighs: whether its learners know the density of what they propose.
-        exploits: whether what its learners know can be used without learning on.
+        weighs: whether its learners compute the density of their proposals.
+        exploits: whether its learners can be used without further learning.
         lookahead: rounds that are open besides the oldest one.
     """
 
@@ -57,14 +57,14 @@ class MethodDescription(msgspec.Struct, frozen=True):
         return read_settings(self.settings_type, dict(given), field)
 
     def find_round_sizes(self, settings: Any, episodes: int) -> learning.RoundSizes | None:
-        """Return how large its rounds are; None if neither the method nor a setting says."""
+        """Return the sizes of its rounds; None if neither the method nor a setting gives them."""
         if isinstance(self.plugin, Paced):
             return self.plugin.round_sizes(settings, episodes)
         size = getattr(settings, ROUND_SIZE, None)
         return None if size is None else learning.RoundSizes(size, size, ROUND_SIZE)
 
     def count_rounds_ahead(self, parallel: int | None, round_size: int) -> int:
-        """Return how many rounds are open besides the oldest one, without rules on results."""
+        """Return how many rounds are open besides the oldest one, without stop rules on results."""
         wanted = parallel if self.traits.tolerates_delay else None
         return learning.count_rounds_ahead(wanted, round_size, self.lookahead)
 
@@ -73,8 +73,8 @@ def describe_method(name: str) -> MethodDescription:
     """Return the description of a method.
 
     Raises:
-        UnknownName: no method of that name; the known ones are listed.
-        InvalidValue: the method is there, but cannot be loaded.
+        UnknownName: no method of that name; the known names are listed.
+        InvalidValue: the method exists, but cannot be loaded.
     """
     plugin = plugins.load(plugins.METHODS, name)
     declared = getattr(plugin, "traits", None)
@@ -93,8 +93,8 @@ def describe_method(name: str) -> MethodDescription:
 def count_open_episodes(spec: CampaignSpec) -> int | None:
     """Return how many episodes of a campaign are open at a time, and so may run.
 
-    None if that is not known: its method is not installed here or has members, or stop rules on
-    results keep fewer rounds open.
+    None if the number is not known: its method is not installed here or has members, or stop rules
+    on results keep fewer rounds open.
     """
     # Such rules keep fewer rounds open, and how many depends on the results.
     if spec.stop.judges_results:
@@ -126,12 +126,12 @@ def _find_sizes(description: MethodDescription, spec: CampaignSpec) -> learning.
 
 
 class NarrowCampaign(msgspec.Struct, frozen=True):
-    """A running campaign that has too few episodes open for the workers, with all others.
+    """A running campaign that, with all others, has too few open episodes for the workers.
 
     Attributes:
         campaign: its id.
-        found: how many episodes it runs at a time, and how many workers there are.
-        remedy: what to set.
+        found: its number of parallel episodes, and the number of workers, in words.
+        remedy: the setting to change.
     """
 
     campaign: int
@@ -140,13 +140,13 @@ class NarrowCampaign(msgspec.Struct, frozen=True):
 
 
 def find_narrow_campaigns(running: Sequence[Campaign], workers: int) -> tuple[NarrowCampaign, ...]:
-    """Return the running campaigns, if all of their open episodes together are too few.
+    """Return the running campaigns if all their open episodes together are too few.
 
-    Workers are idle then, however many there are. None are returned where the number of open
-    episodes is not known of one of them, as of an ensemble.
+    Some workers are then idle. The result is empty if the number of open episodes of any campaign
+    is not known, such as of an ensemble.
 
     Args:
-        running: all campaigns that run.
+        running: all running campaigns.
         workers: number of connected workers.
     """
     known = [(each, count_open_episodes(each.spec)) for each in running]
@@ -182,10 +182,10 @@ def _advise_parallel(spec: CampaignSpec, workers: int) -> str:
 
 
 def traits_of(name: str) -> MethodTraits:
-    """Return what a method declares of itself.
+    """Return the declared traits of a method.
 
-    A method that is not installed here has the defaults, which claim nothing: its rates have no
-    interval.
+    A method that is not installed here has the default traits, which claim nothing: its rates are
+    without an interval.
     """
     try:
         return describe_method(name).traits

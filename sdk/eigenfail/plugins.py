@@ -1,4 +1,4 @@
-"""Plug-ins by entry point: those of users, and those by which our own packages find each other."""
+"""Plug-ins by entry point: of users, and of eigenfail's own packages to find each other."""
 
 import logging
 import re
@@ -60,9 +60,9 @@ def list_groups() -> set[str]:
 
 
 def list_misspelt_groups() -> dict[str, str]:
-    """Return the groups of installed entry points that nothing reads, with the one that was meant.
+    """Return installed entry-point groups that nothing reads, each with the group it resembles.
 
-    Their names are ignored without an error: a group is what a package writes, and any is allowed.
+    Python ignores such groups without an error, since a package may write any name of a group.
     """
     known = {group.removeprefix("eigenfail."): group for group in list_groups()}
     found = {}
@@ -74,7 +74,7 @@ def list_misspelt_groups() -> dict[str, str]:
 
 
 def list_claims(group: str) -> dict[str, list[EntryPoint]]:
-    """All entry points of a group by name: several where distributions claim the same name."""
+    """Return all entry points of a group by name: several if distributions claim the same name."""
     claims: dict[str, list[EntryPoint]] = {}
     for point in entry_points(group=group):
         claims.setdefault(point.name, []).append(point)
@@ -83,7 +83,7 @@ def list_claims(group: str) -> dict[str, list[EntryPoint]]:
 
 @cache
 def list_entry_points(group: str) -> dict[str, EntryPoint]:
-    """The entry points of a group by name."""
+    """Return the entry points of a group by name."""
     return {name: points[0] for name, points in list_claims(group).items()}
 
 
@@ -93,10 +93,10 @@ def name_distribution(point: EntryPoint) -> str:
 
 
 def describe_conflict(group: str, name: str, owners: Iterable[str]) -> InvalidValue:
-    """Return the error of a name that several distributions claim.
+    """Return the error for a name that several distributions claim.
 
-    Which of them were taken would depend on the order of folders in `sys.path`, so that the same
-    campaign could run other code on another machine. So none is.
+    The choice would depend on the order of folders in `sys.path`, so the same campaign could run
+    other code on another machine. So none is used.
     """
     owners = sorted(owners)
     others = [owner for owner in owners if owner != DISTRIBUTION]
@@ -108,12 +108,12 @@ def describe_conflict(group: str, name: str, owners: Iterable[str]) -> InvalidVa
 
 
 def names(group: str) -> list[str]:
-    """The names registered in a group, sorted."""
+    """Return the names registered in a group, sorted."""
     return sorted(list_entry_points(group))
 
 
 def is_built_in(group: str, name: str) -> bool:
-    """Return whether eigenfail itself brings the plug-in of that name; not so of an unknown one."""
+    """Return whether eigenfail itself brings the plug-in; False for an unknown name."""
     point = list_entry_points(group).get(name)
     return point is not None and point.module.partition(".")[0] in BUILT_IN
 
@@ -121,8 +121,8 @@ def is_built_in(group: str, name: str) -> bool:
 def describe_module(name: str) -> str:
     """Return the first line of a module's docstring as a sentence; empty if it cannot be read.
 
-    Nothing is imported: a list of commands must not wait for the modules of plug-ins, nor fail with
-    them.
+    The module is not imported: a list of commands must not wait for the modules of plug-ins, or
+    fail with them.
     """
     try:
         first = _read_docstring(name).strip().partition("\n")[0]
@@ -152,11 +152,11 @@ def _read_docstring(name: str) -> str:
 
 @cache
 def load(group: str, name: str) -> Any:
-    """The object that a name stands for.
+    """Load the plug-in of a name.
 
     Raises:
-        UnknownName: nothing of that name; the known ones are listed.
-        InvalidValue: the plug-in is there, but cannot be loaded, or several claim its name.
+        UnknownName: the name does not exist; the known names are listed.
+        InvalidValue: the plug-in exists but cannot be loaded, or several packages claim its name.
     """
     field = group.removeprefix("eigenfail.").removesuffix("s")
     point = list_entry_points(group).get(name)
@@ -192,9 +192,9 @@ def _describe_failure(error: BaseException) -> str:
 
 
 def keep_import_effects() -> None:
-    """Leave process-wide state as the imports of plug-ins change it, from now on.
+    """Keep changes to process-wide state by imports of plug-ins, from now on.
 
-    For a process that runs the episodes of these plug-ins alone: they may rely on what they set.
+    Use it in a process that only runs episodes of such plug-ins: they may rely on their changes.
     """
     global _keeps_import_effects  # noqa: PLW0603 - it is a property of this process
     _keeps_import_effects = True
@@ -204,9 +204,9 @@ _keeps_import_effects = False
 
 
 def _load_foreign(group: str, name: str) -> Any:
-    """Import a plug-in that is not eigenfail's own, and undo what that changes in this process.
+    """Import a plug-in that is not eigenfail's own, and undo its changes to process-wide state.
 
-    Controller and services import plug-ins only to read their settings, and compute for all
+    Controller and services import plug-ins only to read their settings. They compute for all
     campaigns: an import that sets the rounding mode must not change their results.
     """
     if _keeps_import_effects:
@@ -228,10 +228,10 @@ def _load_foreign(group: str, name: str) -> Any:
 
 
 def load_class(path: str) -> Any:
-    """The object at `module:Class`: for the command line alone, never for what a request says.
+    """Load the object at `module:Class`: only for the command line, never for a request.
 
     Raises:
-        InvalidValue: not a path of that form, or nothing there.
+        InvalidValue: not a path of that form, or the object does not exist.
     """
     if not CLASS_PATH.fullmatch(str(path)):
         raise InvalidValue(

@@ -1,7 +1,7 @@
-"""Process-wide state on which numbers depend, and which every plug-in can change.
+"""Process-wide state that numbers depend on and that every plug-in can change.
 
 The floating-point mode and numpy's error state belong to a thread, the rest to the whole process.
-An episode must leave all of it unchanged: otherwise the results of the next episodes depend on it.
+An episode must leave the state unchanged: otherwise the results of later episodes depend on it.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ FE_DFL_ENV = ctypes.c_void_p(-1)
 
 
 def _libc_function(name: str) -> Callable[..., int] | None:
-    """The C function of that name, if this platform has it (glibc and musl differ)."""
+    """Return the C function of a name; None if this platform lacks it (glibc and musl differ)."""
     if sys.platform != "linux":
         return None
     return getattr(ctypes.CDLL(None), name, None)
@@ -38,7 +38,7 @@ _fesetenv = _libc_function("fesetenv")
 def rounding_mode() -> str:
     """Return the rounding mode of this thread, found by arithmetic.
 
-    To nearest, a number far below the last bit of 1 changes nothing, whatever its sign.
+    With rounding to nearest, adding a number far below the last bit of 1, of either sign, leaves 1.
     """
     # By arithmetic, as `fegetround` does not see what SSE instructions have been told directly.
     if _ONE + _TINY != _ONE:
@@ -63,10 +63,10 @@ def _current_directory() -> str:
 
 
 class ProcessState:
-    """The process-wide state at one moment; it costs some tens of microseconds.
+    """The process-wide state at one moment; reading it takes some tens of microseconds.
 
-    Not included are random generators (no result uses those of the process), the locale, the
-    environment, warning filters, and functions that were replaced in other modules.
+    It excludes random generators (results do not use the generators of the process), the locale,
+    the environment, warning filters, and functions that were replaced in other modules.
     """
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class ProcessState:
         return found + [f"the handler of {signal.Signals(number).name}" for number in changed]
 
     def restore(self) -> None:
-        """Put back what can be put back; signal handlers only in the main thread."""
+        """Restore the state as far as possible; signal handlers only in the main thread."""
         modes = rounding_mode(), read_flush_to_zero()
         if modes != (self._rounding, self._flushing) and _fesetenv is not None:
             _fesetenv(FE_DFL_ENV)

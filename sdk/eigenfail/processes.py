@@ -1,4 +1,4 @@
-"""Processes that start processes, and leave none behind."""
+"""Subprocesses that end with their parent and leave no processes behind."""
 
 import os
 import re
@@ -57,9 +57,9 @@ COMMON_PROCESSOR = "x86-64 with AVX2 and FMA"
 
 
 def find_processor(facts: Path = Path("/proc/cpuinfo")) -> str:
-    """Return what decides how libraries sum on this processor; empty if unknown.
+    """Return the kind of this processor, which decides how libraries sum; empty if unknown.
 
-    It is `COMMON_PROCESSOR`, or the name of the model if the processor is not one of these.
+    It is `COMMON_PROCESSOR` for processors with AVX2 and FMA, otherwise the name of the model.
     """
     with suppress(OSError):
         told = facts.read_text()
@@ -82,9 +82,9 @@ def as_parent() -> dict[str, str]:
 
 
 def die_with_parent(by: signal.Signals = signal.SIGKILL) -> None:
-    """Ask the kernel for a signal when this process's parent dies, even while it is busy (Linux).
+    """Have the kernel signal this process when its parent dies, even while it is busy (Linux).
 
-    Unless it is another one, it kills.
+    By default the signal kills the process.
     """
     if sys.platform == "linux":
         CDLL(None).prctl(PR_SET_PDEATHSIG, by)
@@ -96,9 +96,9 @@ def die_with_parent(by: signal.Signals = signal.SIGKILL) -> None:
 
 
 def adopt_orphans() -> None:
-    """Become the parent of descendants that lose theirs (Linux).
+    """Become the parent of descendants that lose their parent (Linux).
 
-    However it left its group or session: so it can still be found, and ended.
+    Such a process can then be found and ended even if it left its group or session.
     """
     if sys.platform == "linux":
         CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
@@ -107,8 +107,8 @@ def adopt_orphans() -> None:
 def exit_status(process: Popen[bytes]) -> int | None:
     """Return the exit status of a process: None while it lives, negative if a signal ended it.
 
-    It is not waited for: until then its number is not reused, and `kill_group` finds by it what
-    it left behind.
+    The process is not waited for. So its number is not reused, and `kill_group` can use the number
+    to find processes that it left behind.
     """
     if process.returncode is None:
         with suppress(ChildProcessError):  # another thread has waited for it
@@ -120,7 +120,7 @@ def exit_status(process: Popen[bytes]) -> int | None:
 
 
 def wait_for_exit(process: Popen[bytes], patience_s: float) -> int | None:
-    """Return the `exit_status` of a process once it has ended; None if it outlives the patience."""
+    """Wait for a process and return its `exit_status`; None if it outlives the time limit."""
     until_s = time.monotonic() + patience_s
     while (status := exit_status(process)) is None and time.monotonic() < until_s:
         time.sleep(LOOK_EVERY_S)
@@ -128,9 +128,9 @@ def wait_for_exit(process: Popen[bytes], patience_s: float) -> int | None:
 
 
 def kill_group(leader: Popen[bytes]) -> None:
-    """Kill a process that leads a group, and its group with it.
+    """Kill a process that leads a group, and the rest of its group.
 
-    Unless it was waited for: then the number of the group may belong to other processes by now.
+    If the process was waited for, do nothing: its number may now belong to other processes.
     """
     if leader.returncode is None:
         with suppress(ProcessLookupError):
@@ -168,22 +168,22 @@ class Answered(msgspec.Struct, frozen=True, tag=True):
 
 
 class Refused(msgspec.Struct, frozen=True, tag=True):
-    """Why there is none."""
+    """The reason for a missing answer."""
 
     problem: Problem
 
 
 def ask(module: str, question: bytes, patience_s: float) -> bytes:
-    """Ask a question of a new process that runs a module, and return its answer.
+    """Start a process that runs a module, send it a question, and return its answer.
 
     Args:
         module: module that calls `answer` when it is run.
-        question: as it understands it.
-        patience_s: after so long it is killed, with what it started. [s]
+        question: question in the module's encoding.
+        patience_s: time limit, after which the process and its children are killed. [s]
 
     Raises:
-        EigenfailError: that which it raised.
-        ServiceError: it took too long, or ended without an answer.
+        EigenfailError: the module raised this error.
+        ServiceError: the process took too long, or ended without an answer.
     """
     try:
         # A process that is killed while it writes leaves the beginning of an answer.
@@ -198,7 +198,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
 
 
 def run_question(module: str, question: bytes, patience_s: float) -> bytes:
-    """Return what a process of the module writes; see `ask`."""
+    """Return the output of a process of the module; see `ask`."""
     read, write = os.pipe()
     asked = subprocess.Popen(
         [sys.executable, "-m", module],
@@ -234,7 +234,7 @@ def read_answer(asked: "subprocess.Popen[bytes]", patience_s: float) -> bytes:
     """Return all output of the process.
 
     Raises:
-        ServiceError: it did not come to its end in time.
+        ServiceError: it did not end in time.
     """
     if asked.stdout is None:
         raise RuntimeError("a pipe was asked for")

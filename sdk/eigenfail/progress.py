@@ -23,7 +23,7 @@ Report = Callable[[Campaign], None]
 
 
 class Standing(NamedTuple):
-    """How far something is, in episodes."""
+    """Progress of an operation, in episodes."""
 
     headline: str
     done: int
@@ -57,7 +57,7 @@ def reporter() -> Iterator[Report]:
 
 @contextmanager
 def display() -> Iterator[Display]:
-    """Standard error, so that standard output holds results alone; in a notebook its own place."""
+    """Yield a display on standard error, as standard output holds results, or in the notebook."""
     screen = Console(stderr=True, highlight=False)
     # First: the output of a kernel is no terminal, and would get plain lines.
     if screen.is_jupyter:
@@ -73,13 +73,13 @@ def display() -> Iterator[Display]:
 
 
 class Pace:
-    """Episodes per second since the first look, and the time to go at that rate."""
+    """Episodes per second since the first call, and the remaining time at that rate."""
 
     def __init__(self) -> None:
         self.first: tuple[float, int] | None = None
 
     def words(self, seen: Standing) -> str:
-        """Failures; rate and time to go, once they are known."""
+        """Return the number of failures; also rate and remaining time once they are known."""
         now_s = time.monotonic()
         if self.first is None:
             # Episodes that ended before the first look took a time that is not known here.
@@ -95,7 +95,7 @@ class Pace:
 
 
 class Bar:
-    """A progress bar with failures, rate and the time to go."""
+    """A progress bar with failures, rate and remaining time."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
@@ -103,7 +103,7 @@ class Bar:
         self.task = progress.add_task("", words="")
 
     def __call__(self, seen: Standing) -> None:
-        """Draw it as it stands."""
+        """Draw the bar for the present progress."""
         self.progress.update(
             self.task,
             description=seen.headline,
@@ -132,10 +132,10 @@ class PlainLines:
 
 
 class WaitingLines:
-    """Lines that say what a command waits for, and for how long already.
+    """Lines that name the step that a command waits for, and the time since its start.
 
     Args:
-        step: what it does, as in "Analysing the failures of campaign 2".
+        step: name of the step, such as "Analysing the failures of campaign 2".
     """
 
     def __init__(self, step: str) -> None:
@@ -145,7 +145,7 @@ class WaitingLines:
         self._is_over = threading.Event()
 
     def begin(self, step: str) -> None:
-        """Name the next step, from which time counts again."""
+        """Name the next step, and restart the time."""
         self._step, self._began_s = step, time.monotonic()
 
     def end(self) -> None:
@@ -153,7 +153,7 @@ class WaitingLines:
         self._is_over.set()
 
     def write(self) -> None:
-        """Write a line after some seconds, and then again and again, until the end."""
+        """Write a line after some seconds, then repeatedly until the end."""
         due_s = FIRST_LINE_S
         while not self._is_over.wait(due_s):
             elapsed_s = time.monotonic() - self._began_s
@@ -163,7 +163,7 @@ class WaitingLines:
 
 @contextmanager
 def announce(step: str) -> Iterator[Callable[[str], None]]:
-    """Say on standard error what a command waits for, if the block takes more than a moment.
+    """Show on standard error what a command waits for, if the block takes more than a moment.
 
     Yields:
         A function that names the next step of the block.
@@ -179,19 +179,19 @@ def announce(step: str) -> Iterator[Callable[[str], None]]:
 
 
 def on_standard_error(line: str) -> None:
-    """Write a line where results are not."""
+    """Write a line to standard error, since results go to standard output."""
     sys.stderr.write(f"{line}\n")
 
 
 class NotebookBar:
-    """A bar below a notebook's cell, drawn over and over in one place."""
+    """A bar below a notebook's cell, redrawn in one place."""
 
     def __init__(self) -> None:
         self.pace = Pace()
         self.place: Any = None
 
     def __call__(self, seen: Standing) -> None:
-        """Draw it as it stands."""
+        """Draw the bar for the present progress."""
         from IPython.display import HTML, display
 
         drawing = HTML(bar_html(seen, self.pace.words(seen)))  # type: ignore[no-untyped-call]

@@ -49,14 +49,14 @@ INFRASTRUCTURE = "infrastructure"
 
 
 class ReplayQuestion(msgspec.Struct, frozen=True, eq=False, tag=True):
-    """Episodes of one campaign to run one after the other."""
+    """Episodes of one campaign to run one after another."""
 
     spec: CampaignSpec
     tasks: tuple[episode.EpisodeTask, ...]
 
 
 class ReplayedOutcome(msgspec.Struct, frozen=True):
-    """Outcome of a replay; `problem` says why it errored, and is empty otherwise."""
+    """Outcome of a replay; `problem` is the reason for an error, and empty otherwise."""
 
     outcome: episode.Outcome
     digest: str
@@ -72,9 +72,9 @@ _answers = msgspec.msgpack.Decoder(list[ReplayedOutcome])
 def replay_in_process(
     spec: CampaignSpec, tasks: Sequence[episode.EpisodeTask]
 ) -> Iterator[ReplayedOutcome | ServiceError]:
-    """Run episodes of one campaign in processes that run no other campaign.
+    """Run episodes of one campaign in processes that do not run other campaigns.
 
-    An episode that changes process-wide state ends its process: the next one begins in another.
+    An episode that changes process-wide state ends its process: the next one begins in a new one.
 
     Args:
         spec: specification of the campaign.
@@ -106,7 +106,7 @@ def _ask_process(
 
 
 def answer_replays(question: ReplayQuestion) -> bytes:
-    """Return the outcomes of the episodes up to the first that changed process-wide state."""
+    """Return the outcomes of episodes up to the first one that changed process-wide state."""
     plugins.keep_import_effects()
     # After the import of plug-ins, whose effects are part of the state that episodes begin
     # with.
@@ -180,7 +180,7 @@ def explain_episode(
     A failure is run once more without noise.
 
     Raises:
-        InvalidValue: the episode has no course to explain.
+        InvalidValue: the episode does not have a course to explain.
         ServiceError: the world is not installed here.
         UnknownName: a plug-in of the campaign is not installed here.
     """
@@ -205,10 +205,10 @@ def add_undisturbed(
     stored: episode.EpisodeResult,
     disturbance: DisturbanceModel,
 ) -> ExplainedEpisode:
-    """Run a failure once more without noise, and return its explanation with that.
+    """Run a failure once more without noise, and add that run to its explanation.
 
-    A planner that fails without noise, too, would otherwise look like one whose failures a search
-    has found.
+    Otherwise, a planner that also fails without noise would look like one that fails only under
+    noise that a search has found.
 
     Args:
         explained: the replay of the episode.
@@ -226,10 +226,10 @@ def add_undisturbed(
 def _find_unsteadiness(
     run: Callable[[], episode.EpisodeResult], again: episode.EpisodeResult, replayed: Replayed
 ) -> Replayed:
-    """Return a replay that differs with how a second one differs from it, if it does.
+    """Replay an episode again if its replay differs, and add how the two replays differ, if so.
 
-    The same noise and the same code must give the same episode: a stack that does not repeat itself
-    is told apart from one that was changed since.
+    The same noise and the same code must give the same episode. The second replay distinguishes a
+    stack that does not repeat itself from a stack that was changed since.
     """
     if replayed.same:
         return replayed
@@ -257,7 +257,7 @@ def describe_change(one: episode.EpisodeResult, other: episode.EpisodeResult) ->
 
 
 def _find_first_difference(one: episode.EpisodeResult, other: episode.EpisodeResult) -> int | None:
-    """Return the first step that two courses show differently; None if they show none."""
+    """Return the first step at which two courses differ; None if they do not differ."""
     if one.scene is None or other.scene is None:
         return None
     courses = one.scene.vehicles, other.scene.vehicles
@@ -280,7 +280,7 @@ def make_undisturbed_task(
 ) -> episode.EpisodeTask:
     """Return the task that runs a stored episode without noise, in its scenario.
 
-    Channels of the scenario keep their noise: it is what chose the scenario.
+    Channels of the scenario keep their noise, since it chose the scenario.
     """
     first = zip(disturbance.list_channels(), stored.noise.z[0].tolist(), strict=True)
     u = tuple(z if split_name(each.name).target == SCENARIO else 0.0 for each, z in first)
@@ -324,7 +324,7 @@ def load_here(group: str) -> Any:
     """Load the default plug-in of a group.
 
     Raises:
-        ServiceError: no simulator is installed here.
+        ServiceError: a simulator is not installed here.
     """
     try:
         return plugins.load(group, DEFAULT)

@@ -1,4 +1,4 @@
-"""Settings of plug-ins: typed, bounded, and refused by name where they are wrong."""
+"""Settings of plug-ins: typed and bounded; errors give the path of a wrong setting."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,17 +29,16 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=LARGEST_INTEGER)]
 
 
 def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kind:
-    """The settings of a plug-in from what a user gave, its defaults filling the rest.
+    """Return the settings of a plug-in from a user's values, with defaults for all others.
 
     Args:
         kind: a frozen struct whose annotations carry the bounds.
         given: names and values as the user wrote them.
-        field: where they stood, for the error.
+        field: field that the settings were given in, for the error.
 
     Raises:
-        UnknownName: a setting that the plug-in does not have.
-        InvalidValue: a value of the wrong type or outside its bounds, or one at which the plug-in
-            raises.
+        UnknownName: the plug-in does not have a setting of that name.
+        InvalidValue: a value has the wrong type, is outside its bounds, or makes the plug-in raise.
     """
     known = kind.__struct_fields__
     # msgspec itself ignores unknown names, unless the struct of the plug-in forbids them.
@@ -56,7 +55,7 @@ def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kin
 
 
 def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """The defaults of a struct's fields, as plain data; required ones aside."""
+    """Return the defaults of a struct's fields, as plain data, without required fields."""
     found: dict[str, Any] = {}
     for field in msgspec.structs.fields(kind):
         if field.default is not msgspec.NODEFAULT:
@@ -71,10 +70,10 @@ MAX_DEPTH = 20
 
 
 def list_values(value: Any) -> Iterator[tuple[str, Any]]:
-    """Return every plain value inside a value, with its path.
+    """Yield every plain value inside a value, with its path.
 
     Raises:
-        InvalidValue: it goes deeper than encoders follow.
+        InvalidValue: it is nested deeper than encoders allow.
     """
     # Without recursion: what a user sends may be nested more deeply than Python's stack is.
     waiting: list[tuple[tuple[str, ...], Any]] = [((), value)]
@@ -103,7 +102,7 @@ def refuse_hidden(value: Any) -> None:
     """Refuse invisible format characters in the texts and names of plain data.
 
     Raises:
-        InvalidValue: a text has one; it could change how the text is read, and not be seen.
+        InvalidValue: a text has one; it could change how the text is read without being seen.
     """
     for path, part in list_values(value):
         if isinstance(part, str) and (found := find_hidden(part)):
@@ -114,8 +113,8 @@ def convert(value: Any, kind: type[Converted], field: str = "") -> Converted:
     """Return plain data as a value of a type, such as a struct.
 
     Raises:
-        UnknownName: a struct has no field of that name; with the path of the struct.
-        InvalidValue: with the path of the offending value below `field`.
+        UnknownName: a struct does not have a field of that name; with the path of the struct.
+        InvalidValue: a value is invalid; with its path below `field`.
     """
     try:
         return msgspec.convert(value, kind)
@@ -126,16 +125,16 @@ def convert(value: Any, kind: type[Converted], field: str = "") -> Converted:
 def make_refusal(
     error: msgspec.ValidationError, kind: type, given: Any, field: str = ""
 ) -> InputError:
-    """Return an error of msgspec in plain words, with the path of the value that it is about.
+    """Return an error of msgspec in plain words, with the path of the wrong value.
 
     Args:
-        error: what msgspec raised for a value of `kind`.
-        kind: the type that was wanted; its annotations carry the bounds.
+        error: error that msgspec raised for a value of `kind`.
+        kind: the wanted type; its annotations carry the bounds.
         given: the whole value, as plain data.
-        field: where the whole value stood.
+        field: field of the whole value.
 
     Returns:
-        UnknownName if a field or a kind is unknown and the known ones can be told, otherwise
+        UnknownName if a field or a kind is unknown and the known names can be listed, otherwise
         InvalidValue.
     """
     # msgspec says all of it in one text alone, which is taken apart here: its errors have no
@@ -207,7 +206,7 @@ def _describe_refusal(value: Any, types: Sequence[Any], expected: re.Match[str])
 
 
 def _find_value(given: Any, path: Sequence[str]) -> Any:
-    """Return the value at a path in plain data; UNSET where msgspec does not say which it is."""
+    """Return the value at a path in plain data; UNSET if msgspec does not identify it."""
     for step in path:
         if isinstance(given, Mapping) and step in given:
             given = given[step]
@@ -227,9 +226,9 @@ def _list_choices(types: Sequence[Any]) -> list[str]:
 
 
 def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str]) -> Sequence[str]:
-    """Return the names that could stand for an unknown one: fields, or tags of a union's structs.
+    """Return the valid names in place of an unknown one: fields, or tags of a union's structs.
 
-    Empty where msgspec does not describe what is there.
+    Empty if msgspec does not describe the types at that path.
     """
     is_tag = not named[0].startswith("Object")
     place = path[:-1] if is_tag else path
@@ -247,7 +246,7 @@ def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str
 
 
 def _list_types(kind: type, path: Sequence[str]) -> list[Any]:
-    """Return the msgspec types that may stand at a path of fields and places."""
+    """Return the possible msgspec types at a path of fields and positions."""
     here = _flatten([msgspec.inspect.type_info(kind)])
     for step in path:
         fields = [field for each in here for field in getattr(each, "fields", ())]
@@ -258,7 +257,7 @@ def _list_types(kind: type, path: Sequence[str]) -> list[Any]:
 
 
 def _flatten(types: Sequence[Any]) -> list[Any]:
-    """Return types without metadata, and the members of unions in place of these."""
+    """Return types without metadata, with each union replaced by its members."""
     found: list[Any] = []
     for each in types:
         # Metadata holds schemas for OpenAPI; the bounds are those of the type within.

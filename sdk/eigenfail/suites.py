@@ -74,7 +74,7 @@ def _name_member(changes: Changes, names: Mapping[KeyPath, str]) -> str:
 
 
 def shorten_paths(paths: Iterable[KeyPath]) -> dict[KeyPath, str]:
-    """Return the last key of each path if it is unique, otherwise the whole path."""
+    """Return a short name of each path: its last key if unique, otherwise the whole path."""
     different = list(dict.fromkeys(paths))
     ends = Counter(path[-1] for path in different)
     return {path: path[-1] if ends[path[-1]] == 1 else ".".join(path) for path in different}
@@ -101,11 +101,11 @@ class SuiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Contents of a suite's file.
 
     Attributes:
-        name: name of the suite; by default the file's.
+        name: name of the suite; by default the name of the file.
         base: fields of a campaign that all members share unless they vary them.
         sweep: lists of values, each varied alone around the base, which is a member itself.
         grid: lists of values; every combination is a member.
-        campaigns: fields in which each member differs from the base, and optionally its name.
+        campaigns: for each member, the fields that differ from the base, and optionally its name.
     """
 
     name: Name | None = None
@@ -116,7 +116,7 @@ class SuiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class SuiteRequest(SuiteFile, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A suite that a service is to create; its fields are those of a suite's file.
+    """A suite that a service is to create, with the fields of a suite's file.
 
     Attributes:
         name: name of the suite.
@@ -126,7 +126,7 @@ class SuiteRequest(SuiteFile, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def describes_suite(table: Mapping[str, Any]) -> bool:
-    """Whether a TOML file describes a suite: unlike a campaign, it has no method at the top."""
+    """Return whether a TOML table is a suite: with base or members, without a method at the top."""
     return "method" not in table and not table.keys().isdisjoint({"base", *WAYS})
 
 
@@ -141,8 +141,8 @@ def _list_variations(suite: SuiteFile, where: str) -> list[_Variation]:
     """List the members in order; `where` is the file's name in errors.
 
     Raises:
-        InvalidValue: not exactly one of sweep, grid and campaigns, an axis without values, or too
-            many members.
+        InvalidValue: not exactly one of sweep, grid and campaigns is given, an axis is empty, or
+            there are too many members.
     """
     used = [way for way in WAYS if getattr(suite, way)]
     if len(used) != 1:
@@ -155,15 +155,15 @@ def _list_variations(suite: SuiteFile, where: str) -> list[_Variation]:
 
 
 def expand_suite(suite: SuiteFile, where: str) -> list[tuple[str, Table]]:
-    """Return name and fields of each member, in order; whether a service takes them is not checked.
+    """Return name and fields of each member, in order, without checking the fields.
 
     Args:
         suite: contents of a suite's file.
         where: the file's name in errors.
 
     Raises:
-        InvalidValue: not exactly one of sweep, grid and campaigns, an axis without values, too many
-            members, or a base with a name.
+        InvalidValue: not exactly one of sweep, grid and campaigns is given, an axis is empty, there
+            are too many members, or the base has a name.
     """
     if "name" in suite.base:
         raise InvalidValue(
@@ -176,7 +176,7 @@ def expand_suite(suite: SuiteFile, where: str) -> list[tuple[str, Table]]:
 
 
 def _expand_sweep(suite: SuiteFile, where: str) -> list[_Variation]:
-    """Return the base, and each value of each axis alone unless it is the base's."""
+    """Return the base, and one member for each value of each axis that differs from the base."""
     axes = _read_axes(suite.sweep, f"{where}: sweep")
     _refuse_too_many(1 + sum(map(len, axes.values())), where)
     around = (
@@ -200,7 +200,7 @@ def _expand_grid(suite: SuiteFile, where: str) -> list[_Variation]:
 
 
 def _expand_list(suite: SuiteFile, where: str) -> list[_Variation]:
-    """Return the listed campaigns; those without a name get one from what they vary."""
+    """Return the listed campaigns; a campaign without a name is named after its changes."""
     _refuse_too_many(len(suite.campaigns), where)
     unnamed = [
         {name: value for name, value in campaign.items() if name != "name"}
@@ -279,12 +279,12 @@ def resolve_references(spec: CampaignSpec, numbers: Callable[[str], int]) -> Cam
 
 
 def replace_references(spec: CampaignSpec) -> CampaignSpec:
-    """Replace all names by an arbitrary id, so that the other settings can be checked."""
+    """Replace all names of members by an arbitrary id, so that all settings can be checked."""
     return resolve_references(spec, lambda _name: ANY_NUMBER)
 
 
 def order_members(specs: Mapping[str, CampaignSpec], where: str) -> tuple[str, ...]:
-    """Order members such that each follows those that it refers to.
+    """Order members such that each follows the members that it refers to.
 
     Args:
         specs: specification of each member, by name.
@@ -333,9 +333,9 @@ class SuiteMember(msgspec.Struct, frozen=True):
     """A campaign of a suite.
 
     Attributes:
-        name: what distinguishes it from the others, such as "alpha=5000".
-        spec: its campaign, named "suite: member"; references to other members are names in place
-            of ids (see `list_references`).
+        name: distinctive name, such as "alpha=5000".
+        spec: its campaign, named "suite: member"; it refers to other members by name instead of id
+            (see `list_references`).
     """
 
     name: str
@@ -343,7 +343,7 @@ class SuiteMember(msgspec.Struct, frozen=True):
 
 
 class Suite(msgspec.Struct, frozen=True):
-    """A named set of campaigns, of which no two are equal or have the same name."""
+    """A named set of campaigns, all different and with different names."""
 
     name: str
     members: tuple[SuiteMember, ...]
@@ -355,15 +355,15 @@ class Suite(msgspec.Struct, frozen=True):
 
     @property
     def has_seeds(self) -> bool:
-        """Whether members have several seeds."""
+        """True if members have several seeds."""
         return len({member.spec.seed for member in self.members}) > 1
 
     @classmethod
     def repeat(cls, spec: CampaignSpec, seeds: int) -> Self:
-        """Return the suite of a campaign with its own seed and those that follow it: s, s + 1, ….
+        """Return the suite of a campaign with several seeds, its own first: s, s + 1, ….
 
         The suite has the campaign's name, and its members are called "seed=s". Episodes of
-        different campaign seeds are independent, also of neighbouring ones.
+        different campaign seeds are independent, even if the seeds are neighbours.
 
         Args:
             spec: the campaign, with the first seed.
@@ -392,12 +392,12 @@ class Suite(msgspec.Struct, frozen=True):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a suite from a TOML file; its default name is that of the file.
+        """Read a suite from a TOML file; its default name is the file's name without its ending.
 
         Raises:
             UnknownName: a field does not exist, or a member refers to one that does not exist.
-            InvalidValue: the file is unreadable or describes a campaign, a value is outside its
-                bounds, an axis has no values, two members are equal, there are too many, or
+            InvalidValue: the file is unreadable or describes a campaign; a value is outside its
+                bounds; an axis is empty; two members are equal; there are too many members; or
                 members refer to each other in a circle.
         """
         file = Path(path)
@@ -445,11 +445,11 @@ SAMPLE, COLUMN = "empirical", "column"
 
 
 def read_disturbance(file: Path) -> DisturbanceModel:
-    """Read the disturbance model in a TOML file, which is alone there or part of a campaign.
+    """Read a disturbance model from a TOML file that holds only the model or a whole campaign.
 
     Raises:
-        UnknownName: a field that models do not have.
-        InvalidValue: not a readable TOML file, or a value outside its bounds.
+        UnknownName: models do not have a field of that name.
+        InvalidValue: the TOML file is unreadable, or a value is outside its bounds.
     """
     table = read_toml(file, LIKE_MODEL)
     if "method" not in table:
@@ -460,16 +460,17 @@ def read_disturbance(file: Path) -> DisturbanceModel:
 
 
 def include_disturbance(fields: Table, file: Path) -> Table:
-    """Return the fields of a campaign, with its disturbance model in the place of a file's name.
+    """Return a campaign's fields with the file name of a disturbance model replaced by the model.
 
     Args:
-        fields: as the file has them; `disturbance` may be the path of another file, from the folder
-            of this one.
-        file: that they are from.
+        fields: fields in the campaign's file; `disturbance` may be the path of another file,
+            relative to the folder of the campaign's file.
+        file: the campaign's file.
 
     Raises:
-        UnknownName: a field that models do not have.
-        InvalidValue: that file cannot be read, is a campaign, or holds a value outside its bounds.
+        UnknownName: models do not have a field of that name.
+        InvalidValue: the model's file cannot be read, is a campaign, or holds a value outside its
+            bounds.
     """
     named = fields.get("disturbance")
     if not isinstance(named, str):
@@ -484,17 +485,17 @@ def include_disturbance(fields: Table, file: Path) -> Table:
 
 
 def include_samples(fields: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """Return the fields of a campaign, with samples in the place of the names of their files.
+    """Return a campaign's fields with the file names of samples replaced by the samples.
 
     Args:
-        fields: as the file has them; a scenario parameter may be `{empirical = "gaps.csv", column =
-            "gap_m"}`, with the path of a CSV file from the folder of this one.
-        file: that they are from.
+        fields: fields in the campaign's file; a scenario parameter may be `{empirical = "gaps.csv",
+            column = "gap_m"}`, with the path of a CSV file relative to the campaign's file.
+        file: the campaign's file.
 
     Raises:
-        UnknownName: the CSV file has no such column.
+        UnknownName: the CSV file does not have this column.
         InvalidValue: no column is named, the file cannot be read, a cell is not a number, or there
-            are more than `MOST_SAMPLES`.
+            are more than `MOST_SAMPLES` samples.
     """
     given = fields.get(PARAMETERS)
     if not isinstance(given, dict):
@@ -509,7 +510,7 @@ def include_samples(fields: Mapping[str, Any], file: Path) -> dict[str, Any]:
 
 
 def _read_sample(given: Mapping[str, Any], file: Path, field: str) -> dict[str, list[float]]:
-    """Return the distribution of a sample that a file holds."""
+    """Return the empirical distribution of a sample in a file."""
     path, column = file.parent / given[SAMPLE], given.get(COLUMN)
     if not isinstance(column, str) or len(given) > len((SAMPLE, COLUMN)):
         remedy = f'Write it as {{{SAMPLE} = "gaps.csv", {COLUMN} = "gap_m"}}.'
@@ -575,7 +576,7 @@ MemberCampaigns = dict[str, Campaign]
 
 
 def make_member_key(spec: CampaignSpec) -> str:
-    """Return the idempotency key of a member: both names are in the spec, and its whole content."""
+    """Return the idempotency key of a member, made of its spec, which has both names."""
     return f"suite-{sha256(msgspec.json.encode(spec, order='sorted')).hexdigest()}"
 
 
@@ -584,7 +585,7 @@ def match_campaigns(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> Me
 
     Args:
         suite: the suite.
-        alike: campaigns with the name of a member's campaign, by that name, newest first.
+        alike: existing campaigns by the name of a member's campaign, newest first.
 
     Raises:
         UnknownName: a member refers to one that does not exist.
@@ -601,9 +602,9 @@ def match_campaigns(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> Me
 
 
 def list_ready_members(suite: Suite, found: MemberCampaigns) -> Iterator[tuple[str, CampaignSpec]]:
-    """List names and specifications of members that can be created now.
+    """Yield names and specifications of members that can be created now.
 
-    These have no campaign yet, and the campaigns that they refer to are done.
+    Such members do not have a campaign yet, and the campaigns that they refer to are done.
 
     Raises:
         UnknownName: a member refers to one that does not exist.

@@ -1,7 +1,7 @@
-"""Versions of what runs episodes: where they differ, the last bits of results may differ.
+"""Versions of the packages that run episodes; if they differ, last bits of results may differ.
 
-The code of plug-ins is changed more often than its version: it has a fingerprint besides, which is
-the same where the files of a package are the same.
+The code of plug-ins changes more often than their version. So each package also has a fingerprint
+of its code, which is equal for equal files.
 """
 
 import platform
@@ -59,7 +59,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def learner_versions() -> dict[str, str]:
-    """Return `versions` and those of the packages that decide what a learner proposes, by name."""
+    """Return `versions`, and versions of packages that affect a learner's proposals, by name."""
     return versions() | {name: of for name in LEARNERS if (of := read_version(name))}
 
 
@@ -91,9 +91,9 @@ def differences(then: Versions, now: Versions) -> tuple[str, ...]:
 
 
 def describe_mixed(campaign: Campaign) -> tuple[str, ...]:
-    """Return a sentence for each time that services of other versions took a campaign over.
+    """Return a sentence for each takeover of a campaign by services of other versions.
 
-    Nothing is said of a takeover before the first result: no result of other versions is in it.
+    A takeover before the first result is left out: the campaign has results of one version only.
     """
     sentences = []
     for before, now in pairwise(campaign.parts):
@@ -113,10 +113,10 @@ NOT_OF_ONE_RELEASE = (
 
 
 def read_package_files(package: str) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of a package, or the one of a module, with their places in it, in order.
+    """Yield the files of a package or a module in order, each with its path in the package.
 
     Raises:
-        InvalidValue: it is not found.
+        InvalidValue: the package is not found.
     """
     return ((name, file.read_bytes()) for name, file in _list_files(package))
 
@@ -137,10 +137,10 @@ def _list_files(package: str) -> Iterator[tuple[str, Path]]:
 
 
 def list_packages(spec: CampaignSpec) -> Iterator[str]:
-    """Return the top packages of what an episode is made of.
+    """Return the top packages of the code that runs a campaign's episodes.
 
     Raises:
-        UnknownName: a plug-in that is not installed here.
+        UnknownName: a plug-in is not installed here.
     """
     return world_of(spec.simulator).packages(spec)
 
@@ -149,7 +149,7 @@ def list_packages(spec: CampaignSpec) -> Iterator[str]:
 def fingerprint_plugins() -> Versions:
     """Return the fingerprints of the packages with planners, scenarios or simulators, by name.
 
-    Packages that are larger than `LARGEST_BYTES`, or that cannot be read, have none.
+    Packages that are larger than `LARGEST_BYTES`, or that cannot be read, are left out.
     """
     points = (point for group in _GROUPS for point in plugins.list_entry_points(group).values())
     packages = sorted({point.module.partition(".")[0] for point in points})
@@ -172,8 +172,8 @@ def _fingerprint_package(package: str) -> str:
 def select_code(versions: Mapping[str, str], spec: CampaignSpec) -> dict[str, str]:
     """Return the fingerprints, among versions, of the packages that a campaign's episodes need.
 
-    Those of all packages where a plug-in is not installed here; none if the code of the campaign
-    is in no package with plug-ins: a function, or a process behind a bridge.
+    If a plug-in is not installed here, all fingerprints are returned. The result is empty if the
+    campaign's code is not in a package with plug-ins: a function, or a process behind a bridge.
     """
     found = {
         name.removeprefix(CODE): digest

@@ -1,7 +1,7 @@
-"""The worlds in which campaigns run: roads made of plug-ins, functions, and bridges.
+"""The worlds of campaigns: roads made of plug-ins, functions, and bridges.
 
-A campaign names its world by `simulator`. All that differs between worlds is answered here, so that
-nothing else compares names of simulators.
+A campaign names its world by `simulator`. All differences between worlds are handled here, so that
+no other module compares names of simulators.
 """
 
 from abc import ABC, abstractmethod
@@ -35,7 +35,7 @@ Described = CampaignSpec | EpisodeSetup
 
 
 class PluginField(NamedTuple):
-    """A field of a campaign that names a plug-in, and where its settings are.
+    """A field of a campaign that names a plug-in, and the place of its settings.
 
     Attributes:
         group: group of entry points.
@@ -49,7 +49,7 @@ class PluginField(NamedTuple):
 
 
 class CampaignWorld(ABC):
-    """Answers of one world to the questions that a campaign raises.
+    """The behaviour of campaigns that differs between worlds.
 
     Attributes:
         plugin_fields: fields of a campaign that name plug-ins with settings, by name.
@@ -57,8 +57,8 @@ class CampaignWorld(ABC):
         robustness_unit: unit of the robustness; empty if it has none.
         needs_bridge: whether only workers with a bridge can run its episodes.
         unexplained: reason why no planner can explain an episode; empty if one can.
-        channels_remedy: what to do where the disturbance model names channels in vain.
-        tells_lane: whether the signals that need the lane of the ego are told.
+        channels_remedy: remedy if the disturbance model names channels that the world lacks.
+        tells_lane: whether the signals that need the lane of the ego are available.
     """
 
     plugin_fields: ClassVar[Mapping[str, PluginField]] = {}
@@ -83,17 +83,17 @@ class CampaignWorld(ABC):
         """Return the scenario parameters of a campaign, each fixed or drawn for each episode.
 
         Raises:
-            UnknownName: no such scenario, or it has no such parameter or distribution.
-            InvalidValue: a parameter, or an end of its distribution, outside its bounds.
+            UnknownName: unknown scenario, parameter or distribution.
+            InvalidValue: a parameter, or an end of its distribution, is outside its bounds.
         """
 
     @abstractmethod
     def find_form(self, spec: CampaignSpec) -> EpisodeForm:
-        """Return the length and the channels of full episodes: of the longest if parameters vary.
+        """Return length and channels of a full episode, the longest one if parameters vary.
 
         Raises:
-            UnknownName: no such scenario, or it has no such parameter or distribution.
-            InvalidValue: a parameter, or an end of its distribution, outside its bounds.
+            UnknownName: unknown scenario, parameter or distribution.
+            InvalidValue: a parameter, or an end of its distribution, is outside its bounds.
         """
 
     def resolve(self, spec: CampaignSpec) -> tuple[CampaignSpec, EpisodeForm]:
@@ -101,7 +101,7 @@ class CampaignWorld(ABC):
 
         Raises:
             UnknownName: a channel, signal, measure, scenario or parameter does not exist.
-            InvalidValue: one of their values cannot be, or cannot be judged here.
+            InvalidValue: one of their values is invalid, or cannot be judged here.
         """
         spec = replace(spec, disturbance=self.resolve_disturbance(spec))
         form = self.find_form(spec)
@@ -120,8 +120,8 @@ class CampaignWorld(ABC):
         """Return the disturbance model with its channels written out, one by one.
 
         Raises:
-            UnknownName: a channel that the world does not have.
-            InvalidValue: its model is not one, or the world has only the channels of a position.
+            UnknownName: the world does not have a channel.
+            InvalidValue: the model is invalid, or names channels in a world without a choice.
         """
         model = described.disturbance
         if model.channels is not msgspec.UNSET:
@@ -134,8 +134,8 @@ class CampaignWorld(ABC):
 
         Raises:
             UnknownName: a correlation names a channel that is not one of a scenario parameter.
-            InvalidValue: occlusion is on, and the simulator does not offer it; or the correlations
-                cannot be.
+            InvalidValue: occlusion is on, but the simulator does not offer it, or the correlations
+                are impossible.
         """
         model = described.disturbance
         if not model.is_occluding:
@@ -150,9 +150,9 @@ class CampaignWorld(ABC):
     def resolve_requirements(
         self, spec: CampaignSpec, form: EpisodeForm
     ) -> requirements.Requirements | msgspec.UnsetType:
-        """Return the requirements of a campaign; absent if they are no collision alone.
+        """Return the requirements of a campaign; UNSET if "no collision" is the only one.
 
-        With an importance they are written out in any case.
+        If the campaign sets an importance, they are always written out.
 
         Args:
             spec: the campaign, with its channels written out.
@@ -160,7 +160,7 @@ class CampaignWorld(ABC):
 
         Raises:
             UnknownName: a signal or measure does not exist.
-            InvalidValue: one is not complete, or cannot be judged here.
+            InvalidValue: a requirement is not complete, or cannot be judged here.
         """
         named = spec.all_requirements
         if spec.requirements is msgspec.UNSET and spec.importance is msgspec.UNSET:
@@ -180,7 +180,7 @@ class CampaignWorld(ABC):
         return msgspec.UNSET if named == requirements.COLLISION_ALONE else named
 
     def list_own_signals(self, _spec: CampaignSpec) -> tuple[str, ...]:
-        """Return the names of the simulator's or planner's own signals that it may name."""
+        """Return the names of the simulator's or planner's own signals that a campaign may name."""
         return ()
 
     def list_left_out(self, _spec: CampaignSpec) -> tuple[str, ...]:
@@ -197,7 +197,7 @@ class CampaignWorld(ABC):
             offer: what the bridge offers.
 
         Raises:
-            UnknownName: a name that the bridge does not know; the known ones are listed.
+            UnknownName: the bridge does not offer a name; the offered names are listed.
             InvalidValue: the scenario has fewer steps, or steps of another duration.
         """
 
@@ -210,7 +210,7 @@ class CampaignWorld(ABC):
         return None
 
     def default_parameters(self, spec: CampaignSpec) -> dict[str, Any]:
-        """Return what the parameters of the scenario plug-in are unless a campaign sets them."""
+        """Return the default parameters of the campaign's scenario plug-in."""
         kind = self.parameters_type(spec)
         return {} if kind is None else defaults_of(kind)
 
@@ -226,28 +226,28 @@ class CampaignWorld(ABC):
         """Refuse code that this process may not import; see `functions.refuse_unlisted`.
 
         Raises:
-            InvalidValue: it is not on the list of what may be imported.
+            InvalidValue: the code is not on the list of permitted imports.
         """
 
     def require_code(self, _spec: CampaignSpec) -> None:  # noqa: B027 - only functions are looked for
         """Refuse a campaign whose code cannot be found on this machine.
 
         Raises:
-            InvalidValue: there is no such module, or it defines no such function.
+            InvalidValue: the module does not exist, or does not define the function.
         """
 
     def packages(self, _spec: CampaignSpec) -> Iterator[str]:
-        """Return the top packages of the code that an episode is made of.
+        """Return the top packages of the code that an episode runs.
 
         Raises:
-            UnknownName: a plug-in that is not installed here.
-            InvalidValue: there is no such module.
+            UnknownName: a plug-in is not installed here.
+            InvalidValue: the module does not exist.
         """
         return iter(())
 
     @abstractmethod
     def runs_foreign_code(self, setup: EpisodeSetup) -> bool:
-        """Return whether a worker's process runs code that is not eigenfail's own."""
+        """Return whether a worker's process runs code from outside eigenfail."""
 
 
 class PluginWorld(CampaignWorld):
@@ -260,7 +260,7 @@ class PluginWorld(CampaignWorld):
     }
 
     def check(self, spec: CampaignSpec) -> None:
-        """Look for the simulator, and read the settings of the planner."""
+        """Check the simulator's name, and read the settings of the planner."""
         if spec.simulator not in plugins.names(plugins.SIMULATORS):
             raise UnknownName("simulator", spec.simulator, list_simulators())
         self._read_planner(spec)
@@ -291,9 +291,9 @@ class PluginWorld(CampaignWorld):
         return tuple(f"{signals.PLANNER}.{name}" for name in signals.read_signal_names(planner))
 
     def list_left_out(self, spec: CampaignSpec) -> tuple[str, ...]:
-        """Return the vehicles that the scenario leaves out, then what else it does not use.
+        """Return sentences on vehicles that the scenario leaves out, then on other unused data.
 
-        Nothing where the scenario is not installed here.
+        Empty if the scenario is not installed here.
         """
         try:
             scenario: object = self._scenario(spec)
@@ -302,7 +302,7 @@ class PluginWorld(CampaignWorld):
         return (*getattr(scenario, "left_out", ()), *getattr(scenario, "notes", ()))
 
     def variation(self, spec: CampaignSpec) -> Variation:
-        """Return the parameters as the scenario's annotations bound them."""
+        """Return the parameters, bounded by the scenario's annotations."""
         return read_variation(
             self.parameters_type(spec),
             spec.scenario_parameters,
@@ -334,7 +334,7 @@ class PluginWorld(CampaignWorld):
         return replace(spec, planner_settings=msgspec.to_builtins(self._read_planner(spec)))
 
     def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
-        """Write out all parameters; 53 and 53.0 are the same where the default is a float."""
+        """Write out all parameters; an integer becomes a float if the default is a float."""
         defaults = self.default_parameters(spec)
         given = spec.scenario_parameters.items()
         typed = {name: _match_type(value, defaults.get(name)) for name, value in given}
@@ -352,7 +352,7 @@ class PluginWorld(CampaignWorld):
         return not all(plugins.is_built_in(*part) for part in self._list_parts(setup))
 
     def _list_parts(self, described: Described) -> tuple[tuple[str, str], ...]:
-        """Return group and name of each plug-in that an episode is made of."""
+        """Return group and name of each plug-in that an episode uses."""
         return (
             (plugins.PLANNERS, described.planner),
             (plugins.SCENARIOS, described.scenario),
@@ -377,7 +377,7 @@ class FunctionWorld(CampaignWorld):
     channels_remedy = "Name those of a function as `channels` in scenario_parameters."
 
     def check(self, spec: CampaignSpec) -> None:
-        """Read the parameters, and hold the function against the list and its module's source."""
+        """Read the parameters, and check the function against the list and its module's source."""
         functions.check(spec)
         functions.refuse_unlisted(spec.planner)
         functions.refuse_undefined(spec.planner)
@@ -387,7 +387,7 @@ class FunctionWorld(CampaignWorld):
         return read_variation(functions.FunctionParameters, spec.scenario_parameters)
 
     def find_form(self, spec: CampaignSpec) -> EpisodeForm:
-        """Return the steps and channels that the campaign sets; a step has no duration."""
+        """Return the steps and channels that the campaign sets; steps are without a duration."""
         parameters = functions.check(spec)
         return EpisodeForm(parameters.steps, None, parameters.channels)
 
@@ -425,11 +425,11 @@ class BridgeWorld(CampaignWorld):
     needs_bridge = True
 
     def check(self, spec: CampaignSpec) -> None:
-        """Read the parameters; whether the bridge knows them it says later."""
+        """Read the parameters; the bridge accepts or refuses them later."""
         bridges.check(spec)
 
     def resolve_disturbance(self, described: Described) -> DisturbanceModel:
-        """Read the channels; whether the bridge can disturb them it says later."""
+        """Read the channels; the bridge accepts or refuses them later."""
         model = self._resolve_options(described, offered=False)
         if isinstance(model.channels, msgspec.UnsetType):
             return model
@@ -445,7 +445,7 @@ class BridgeWorld(CampaignWorld):
         return model.resolve(max(numbers), ALL_CHANNELS, tuple(varied))
 
     def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
-        """Return those that the campaign names; whether the bridge reports them it says later."""
+        """Return the signals that the campaign names; the bridge accepts or refuses them later."""
         named = bridges.find_named_signals(spec)
         return tuple(sorted(set().union(*named.values())))
 
@@ -497,7 +497,7 @@ def resolve_disturbance(described: Described) -> DisturbanceModel:
 
     Raises:
         UnknownName: a channel, or a plug-in that it depends on, does not exist.
-        InvalidValue: the model of a channel is not one; or the world has no channels to name.
+        InvalidValue: the model is invalid, or names channels in a world without a choice.
     """
     return world_of(described.simulator).resolve_disturbance(described)
 
@@ -505,21 +505,21 @@ def resolve_disturbance(described: Described) -> DisturbanceModel:
 def find_robustness_unit(spec: CampaignSpec) -> str:
     """Return the unit of the robustness of a campaign's episodes; empty if it has none.
 
-    That of requirements is divided by their scales.
+    With named requirements it is empty, since their robustness is divided by their scales.
     """
     return "" if spec.named_requirements else world_of(spec.simulator).robustness_unit
 
 
 def list_simulators() -> list[str]:
-    """Return what a campaign may name as its simulator: plug-ins, functions, and the bridge."""
+    """Return the valid simulators of a campaign: plug-ins, functions, and the bridge."""
     return sorted([*plugins.names(plugins.SIMULATORS), *WORLDS])
 
 
 def drawn_for(spec: CampaignSpec, seed: int) -> dict[str, Any]:
-    """The scenario parameters that an episode drew from its seed, by name.
+    """Return the scenario parameters that an episode drew from its seed, by name.
 
-    None if the scenario is unknown; and none of those that a channel makes a part of the search,
-    which follow from its noise (`placed_for`).
+    Empty if the scenario is unknown. Parameters that a channel makes a part of the search are left
+    out, since they follow from the noise (`placed_for`).
     """
     try:
         return world_of(spec.simulator).variation(spec).drawn(seed)
@@ -528,9 +528,9 @@ def drawn_for(spec: CampaignSpec, seed: int) -> dict[str, Any]:
 
 
 def placed_for(spec: CampaignSpec, noise: NoiseTrajectory) -> dict[str, Any]:
-    """The scenario parameters that the noise of an episode chose, by name.
+    """Return the scenario parameters that the noise of an episode chose, by name.
 
-    None if the scenario is unknown, or the episode ended before its first step.
+    Empty if the scenario is unknown, or the episode ended before its first step.
     """
     names = spec.disturbance.searched_parameters
     if not names or not len(noise.z):
@@ -544,7 +544,7 @@ def placed_for(spec: CampaignSpec, noise: NoiseTrajectory) -> dict[str, Any]:
 
 
 def describe_disturbance(spec: CampaignSpec) -> dict[str, str]:
-    """Return the disturbance model as people read it, by name; a function's sigma is its scale."""
+    """Return the disturbance model in words, by name; a function's sigma is its scale."""
     words = spec.disturbance.in_words()
     if world_of(spec.simulator).has_road:
         return words
@@ -552,7 +552,7 @@ def describe_disturbance(spec: CampaignSpec) -> dict[str, str]:
 
 
 def describe_requirements(spec: CampaignSpec) -> dict[str, str]:
-    """Return the requirements that a campaign names, and its importance, as people read them."""
+    """Return the requirements that a campaign names, and its importance, in words."""
     words = {
         f"requirement {each.label}": f"{each.in_words()}; scale {each.scale:g} {each.unit}".rstrip()
         for each in spec.named_requirements
@@ -561,7 +561,7 @@ def describe_requirements(spec: CampaignSpec) -> dict[str, str]:
 
 
 def _count_vehicles(situation: Situation | ReactiveSituation) -> int:
-    """Return the number of vehicles besides the ego, also of those that come later."""
+    """Return the number of vehicles besides the ego, including vehicles that come later."""
     if isinstance(situation, ReactiveSituation):
         return len(situation.challenges)
     return len(situation.actors)

@@ -47,9 +47,9 @@ log = structlog.get_logger()
 
 
 class BackgroundTasks:
-    """Runs the tasks of the installed plug-ins, each in a thread of its own.
+    """Runs the tasks of the installed plug-ins, one thread for each task.
 
-    Whatever a task meets is logged and ends nothing else: the service must work without plug-ins.
+    An error in a task is logged and ends nothing else: the service must work without plug-ins.
     """
 
     def __init__(self, store: Store) -> None:
@@ -101,9 +101,9 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
 
 
 def analyse_one(arguments: argparse.Namespace) -> NoReturn:
-    """Work on one analysis, for as long as the supervisor that asked for it lives.
+    """Run one analysis; the process dies if the supervisor that started it dies.
 
-    The process ends with it, whatever threads a planner left behind that was asked for an account.
+    The process ends with the analysis, even if a planner has left threads behind.
     """
     die_with_parent()
     end_now(status_of(arguments))

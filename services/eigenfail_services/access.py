@@ -1,4 +1,4 @@
-"""API keys: their secrets, who holds one, and the first key, which turns authentication on."""
+"""API keys: secrets, holders, and the first key, which turns authentication on."""
 
 import hashlib
 import hmac
@@ -26,8 +26,8 @@ def make_key(store: Store, request: access.KeyRequest) -> access.NewKey:
     """Return a new key with its secret, which cannot be recovered later.
 
     Raises:
-        InvalidValue: it would be the first one, and not an administrator's; or its name is one
-            of callers without a key.
+        InvalidValue: it would be the first key, but is not an administrator's; or its name is
+            reserved for callers without a key.
     """
     access.check_key_name(request.name)
     at_ms = now_ms()
@@ -48,7 +48,7 @@ def revoke_key(store: Store, number: int) -> access.ApiKey:
     """Revoke a key, and return it.
 
     Raises:
-        NotFound: there is no such key.
+        NotFound: the key does not exist.
         Conflict: it is the last administrator's key, without which no key could be created.
     """
     at_ms, key = now_ms(), store.keys.find(number).key
@@ -95,7 +95,7 @@ def require_valid(key: access.ApiKey, at_ms: int) -> access.ApiKey:
 
 
 def note_use(store: Store, key: access.ApiKey, at_ms: int) -> None:
-    """Write down that a key is in use, at most once a minute."""
+    """Record that a key is in use, at most once a minute."""
     # Otherwise every request would be a write, for which other writers wait.
     if key.last_used_ms is None or at_ms - key.last_used_ms >= MINUTE_MS:
         store.keys.used(key.id, at_ms)
@@ -137,8 +137,8 @@ def make_first_key(store: Store, name: str, file: Path) -> FirstKey:
     An empty file shows that an earlier attempt was interrupted: then another key is created.
 
     Raises:
-        InvalidValue: the file cannot be read or written, or the name is one of callers without a
-            key; no key is made then.
+        InvalidValue: the file cannot be read or written, or the name is reserved for callers
+            without a key; no key is made then.
     """
     broke_off = _is_empty(file)
     if store.keys.admins(now_ms()) and not broke_off:
@@ -172,7 +172,7 @@ class DatabaseKeys:
     """The methods of `Client.keys` on a database itself; lists return the newest 1,000.
 
     No key is required, and each change is recorded in the audit log. Every method raises
-    ServiceError or InputError where the database, or what was asked for, is not in order.
+    ServiceError or InputError if the database fails or the request is invalid.
     """
 
     def __init__(self, database: str) -> None:
@@ -185,7 +185,7 @@ class DatabaseKeys:
         expires_s: int | None = None,
         quotas: access.Quotas = access.UNLIMITED,
     ) -> access.NewKey:
-        """Make a key; its token is in the answer, and can never be read again."""
+        """Create a key; the answer contains its token, which can never be read again."""
         fields = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
         with self._open() as store:
             made = make_key(store, read_fields(fields, access.KeyRequest))
@@ -193,7 +193,7 @@ class DatabaseKeys:
         return made
 
     def create_first(self, name: str, file: Path) -> FirstKey:
-        """Make an administrator's key in a file, unless there is one."""
+        """Create an administrator's key in a file, unless an administrator has a valid key."""
         with self._open() as store:
             answer = make_first_key(store, name, file)
             if answer.made is not None:

@@ -30,10 +30,10 @@ class SettingBounds(msgspec.Struct, frozen=True):
     """Limits of one process.
 
     Attributes:
-        time_s: over one step of a learner, or over an analysis. [s]
+        time_s: limit for one step of a learner, or for an analysis. [s]
         memory_mib: limit of the process's own data, touched or not: RLIMIT_DATA. With torch on a
-            processor that is within a few tens of MiB of what it has in memory, where RLIMIT_AS
-            would count twice as much. [MiB]
+            CPU, this count is within a few tens of MiB of the memory in use; RLIMIT_AS would count
+            twice as much. [MiB]
     """
 
     time_s: float
@@ -42,7 +42,7 @@ class SettingBounds(msgspec.Struct, frozen=True):
     def confine(self, pid: int) -> None:
         """Have the kernel refuse more memory to a process, and to each that it starts (Linux).
 
-        A lower limit of the service's own, which only an administrator may raise, stays.
+        If the service itself has a lower limit, which only an administrator may raise, it stays.
         """
         if sys.platform == "linux" and self.memory_mib < inf:
             most = int(self.memory_mib * MIB)
@@ -78,5 +78,5 @@ def count_fitting_learners(memory_mib: float) -> int:
 
 
 def choose_campaigns() -> int:
-    """Return how many campaigns run at a time unless an option says it."""
+    """Return how many campaigns run at a time if no option sets the number."""
     return min(SOME_CAMPAIGNS, count_fitting_learners(memory_mib()))

@@ -1,7 +1,7 @@
 """Episodes of a campaign as NDJSON, CSV and Parquet.
 
-All of them are made while they are sent. A Parquet file says in its metadata where its episodes
-come from.
+All formats are generated while they are sent. The metadata of a Parquet file names the origin of
+its episodes.
 """
 
 import csv
@@ -27,7 +27,7 @@ Cells = list[filters.Value | None]
 class Selection(msgspec.Struct, frozen=True):
     """The chosen episodes, their order, and their columns.
 
-    Columns are names that `find_column` knows.
+    Columns are names that `find_column` accepts.
     """
 
     where: filters.Conditions
@@ -48,7 +48,7 @@ def _describe(columns: tuple[str, ...]) -> list[filters.Column]:
 
 
 def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
-    """Yield the episodes in their order, at most `PORTION` at a time, and never none."""
+    """Yield the episodes in their order, 1 to `PORTION` at a time."""
     store, campaign, wanted = source
     after: int | None = None
     while True:
@@ -122,13 +122,13 @@ UNIT = re.compile(r"\[([^]]+)\]$")
 
 
 class ExportOrigin(msgspec.Struct, frozen=True):
-    """The origin of a file, in its metadata.
+    """The origin of a file's episodes, for its metadata.
 
     Attributes:
         campaign: id of its campaign.
         spec_sha256: SHA-256 of the campaign's spec, see `_hash_spec`.
         eigenfail: version that wrote it.
-        units: units of its columns, where they have one.
+        units: units of the columns that have one.
     """
 
     campaign: int
@@ -161,7 +161,7 @@ KEYS = ("eigenfail", "PANDAS_ATTRS")
 
 
 def has_pyarrow() -> bool:
-    """Return whether the library of Parquet is installed, which comes with an extra."""
+    """Return whether the Parquet library, which comes with an extra, is installed."""
     return find_spec("pyarrow") is not None
 
 
@@ -179,8 +179,8 @@ def write_parquet(source: ExportSource, *, noise: bool) -> Iterator[bytes]:
     """Yield a Parquet file, a row group at a time.
 
     Args:
-        source: the episodes, and which columns of them.
-        noise: whether their z comes along.
+        source: the episodes and their columns.
+        noise: whether their z is included.
 
     Raises:
         NotFound: no such campaign.

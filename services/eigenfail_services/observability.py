@@ -73,10 +73,10 @@ def configure(process: str) -> Callable[[], None]:
     """Send spans to the configured endpoint; return the function that flushes and stops.
 
     Args:
-        process: which one of the service it is; `OTEL_SERVICE_NAME` has the last word.
+        process: name of this process of the service; `OTEL_SERVICE_NAME` overrides it.
 
     Raises:
-        InvalidValue: an endpoint is set, but what speaks to it is not installed.
+        InvalidValue: an endpoint is set, but its exporter is not installed.
     """
     asked = next((name for name in ENDPOINTS if os.environ.get(name)), None)
     if asked is None:

@@ -24,7 +24,8 @@ def read_campaigns(text: str) -> int:
     """Return the number of campaigns that run at a time.
 
     Raises:
-        ArgumentTypeError: it is not a whole number above 0, or their learners have no room here.
+        ArgumentTypeError: it is not a whole number above 0, or so many learners do not fit into
+            memory.
     """
     most = bounds.count_fitting_learners(bounds.memory_mib())
     # Nine digits are enough to be too many, and Python refuses to convert thousands of them.
@@ -37,7 +38,7 @@ def read_campaigns(text: str) -> int:
 
 
 def read_limit(text: str) -> float:
-    """Return a limit; `inf` is none.
+    """Return a limit; `inf` means unlimited.
 
     Raises:
         ArgumentTypeError: it is not a number above 0.
@@ -59,7 +60,7 @@ class Option(NamedTuple):
 
     Attributes:
         help: what `--help` says.
-        variable: environment variable that holds where the option is not given.
+        variable: environment variable that applies if the option is not given.
         default: value if neither is given; a function finds it on this machine. Texts are read
             as if they were given.
         read: returns the value of a text, or raises ValueError or ArgumentTypeError.
@@ -127,8 +128,8 @@ def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
     """Return the launcher that the options name.
 
     Raises:
-        InvalidValue: the numbers of workers do not go together, or are given to the launcher none;
-            or a running Ray is given to the launcher local.
+        InvalidValue: the numbers of workers are inconsistent, or are given to the launcher none; or
+            a running Ray is given to the launcher local.
     """
     least, most, idle_s = arguments.min_workers, arguments.max_workers, arguments.idle_s
     launcher = Launcher(arguments.launcher)

@@ -1,4 +1,4 @@
-"""Campaigns as their plug-ins were found: the method with its settings, and what these name.
+"""Resolved campaigns: the method with its settings, and the references in the settings.
 
 Nothing heavy is loaded for it: neither the database nor what methods train with.
 """
@@ -25,7 +25,7 @@ class ResolvedMethod(msgspec.Struct, frozen=True):
         description: description of the method.
         settings: an instance of the method's `Settings`.
         given: the settings as the user gave them, without defaults.
-        field: where these stand in the spec.
+        field: path of the settings in the spec.
     """
 
     description: MethodDescription
@@ -48,7 +48,7 @@ def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings")
     """Load a method and read its settings.
 
     Raises:
-        UnknownName: no such method, or it has no such setting.
+        UnknownName: the method, or one of its settings, does not exist.
         InvalidValue: a setting outside its bounds.
     """
     description = describe_method(name)
@@ -71,7 +71,7 @@ class NamedNoise(msgspec.Struct, frozen=True, omit_defaults=True):
         analysis: id of the analysis whose modes are meant; it counts before the campaign.
         mode: number of a mode, counted from 1; None if `modes` says which.
         modes: numbers of modes, counted from 1; all of them if it is empty.
-        what: kinds of noise that stand for a mode.
+        what: kinds of noise that represent a mode.
         campaign: id of the campaign whose episodes are meant.
         episode: index of an episode; None if `episodes` says which.
         episodes: indices of episodes; all failures if it is empty.
@@ -95,8 +95,8 @@ class CampaignReferences(msgspec.Struct, frozen=True, omit_defaults=True):
     """The earlier campaigns, and their noise, to which the settings of a campaign refer.
 
     Attributes:
-        noise: what is injected again.
-        learners: campaigns whose learners are used or gone on with, by the path of the setting.
+        noise: noise of earlier episodes that is injected again.
+        learners: campaigns whose learners are used or continued, by the path of the setting.
         data: campaigns whose episodes are learnt from, by the path of the setting.
     """
 
@@ -116,14 +116,14 @@ DETAILS = {"analysis": ("mode", "modes", "what"), "campaign": ("episode", "episo
 
 
 def find_references(method: ResolvedMethod) -> CampaignReferences:
-    """Return what the settings of the method that proposes noise name of earlier campaigns.
+    """Return the references to earlier campaigns in a method's settings.
 
-    A method that declares no references may give these settings another meaning: a default is none
-    then, nor is a value of another type.
+    A method that declares no references may give these settings another meaning. Then defaults and
+    values of another type do not count as references.
 
     Raises:
-        InvalidValue: a setting does not name what the method declares, or the method declares that
-            noise is named by another setting than those of `DETAILS`.
+        InvalidValue: a setting is not the kind of reference that the method declares, or the method
+            declares a noise reference under a name that is not in `DETAILS`.
     """
     declared = method.traits.references is not UNDECLARED.references
     known = msgspec.to_builtins(method.settings if declared else method.given)
@@ -148,12 +148,12 @@ def find_references(method: ResolvedMethod) -> CampaignReferences:
 
 
 class CheckedCampaign(msgspec.Struct, frozen=True):
-    """A campaign with what its check has found about it, which is stored with it.
+    """A campaign with the findings of its check, which are stored with it.
 
     Attributes:
         spec: its spec.
         form: length and channels of its episodes.
-        references: what its settings name of earlier campaigns.
+        references: the references to earlier campaigns in its settings.
     """
 
     spec: CampaignSpec
@@ -166,7 +166,7 @@ class ResolvedCampaign(CheckedCampaign, frozen=True):
 
     Attributes:
         method: method that the spec names.
-        searching: the method that proposes noise: that of an ensemble's members, else `method`.
+        searching: the method that proposes noise: an ensemble's member method, else `method`.
     """
 
     method: ResolvedMethod

@@ -1,4 +1,4 @@
-"""What planners say of their decisions, step by step: explanations and signals."""
+"""Planners' accounts of their decisions, step by step: explanations and signals."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
@@ -118,7 +118,7 @@ def read_signal(name: str, value: object) -> float:
     """Return the value of a planner's signal.
 
     Raises:
-        PlannerError: it is not a finite number.
+        PlannerError: the value is not a finite number.
     """
     if not is_signal_value(value):
         problem = f"The planner reports {read_text(value)} as its signal '{name}'."

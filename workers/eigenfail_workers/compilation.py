@@ -1,9 +1,9 @@
 """The compiled copy of the episode loop, which is imported in place of its sources.
 
-`eigenfail_workers.compiler` makes it from the Python that is here. It is kept under a digest of all
-sources that it was made from, and found by that: after a change of any of them the modules are
-interpreted, until they are compiled again. EIGENFAIL_INTERPRETED=1 has them interpreted in any
-case, for a debugger.
+`eigenfail_workers.compiler` makes the copy from the Python sources here. The copy is stored and
+found by a digest of all sources that it was made from. If any source changes, the modules are
+interpreted until they are compiled again. With EIGENFAIL_INTERPRETED=1 they are always interpreted,
+for a debugger.
 """
 
 import hashlib
@@ -71,7 +71,7 @@ class CompiledModules(MetaPathFinder):
         path: Sequence[str] | None = None,  # noqa: ARG002 - the contract's
         target: ModuleType | None = None,  # noqa: ARG002 - the contract's
     ) -> ModuleSpec | None:
-        """Return where a module is; None for modules that are not compiled."""
+        """Return the spec of a compiled module; None for modules that are not compiled."""
         file = self._files.get(fullname)
         return None if file is None else spec_from_file_location(fullname, file)
 
@@ -79,7 +79,8 @@ class CompiledModules(MetaPathFinder):
 def find_copy() -> Path:
     """Return the folder for the modules compiled from the present sources, which may not exist.
 
-    All sources count that the compiled code was checked against, and this version of Python.
+    Its name depends on all sources that the compiled code was checked against, and on this version
+    of Python.
     """
     # The suffix names the version of Python and the platform that an extension is built for.
     found = hashlib.sha256(EXTENSION_SUFFIXES[0].encode())

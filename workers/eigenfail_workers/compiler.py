@@ -1,10 +1,10 @@
-"""Compiles the episode loop ahead of time, from the Python that is there.
+"""Compiles the episode loop ahead of time, from its Python sources.
 
     python -m eigenfail_workers.compiler
 
-does so with mypyc, where that, setuptools and a C compiler are installed. Episodes then take less
-than half of the processor time, with the same results to the last bit. Nothing else changes: where
-they are not installed, the same modules are interpreted.
+This needs mypyc, setuptools and a C compiler. Compiled episodes take less than half of the
+processor time, with the same results to the last bit. Nothing else changes: without these tools,
+the same modules are interpreted.
 """
 
 import os
@@ -43,7 +43,7 @@ def compile_modules(folder: Path) -> None:
     """Compile the present sources into a new folder, and remove earlier ones.
 
     Raises:
-        SystemExit: the compiler refuses them.
+        SystemExit: the compiler refuses the sources.
     """
     # Imported here: workers run without mypyc and setuptools, which are tools of the build.
     from mypyc.build import mypycify
@@ -78,7 +78,7 @@ def compile_modules(folder: Path) -> None:
 
 
 def main() -> None:
-    """Compile the modules, unless they are compiled or cannot be, and say which it is."""
+    """Compile the modules, unless they are compiled or cannot be; print the outcome."""
     folder = find_copy()
     if folder.is_dir():
         said = "is compiled"

@@ -101,8 +101,8 @@ class Engine:
     ) -> errors.EpisodeError:
         """Return the error of an episode that has changed process-wide state.
 
-        Which plug-in has done so is unknown: all that are not built in are named. Episodes of an
-        engine run one after the other, so that this one has done it.
+        The responsible plug-in is unknown: all plug-ins that are not built in are named. Episodes
+        of an engine run one at a time, so this episode changed the state.
         """
         setup = self._setup
         used = {

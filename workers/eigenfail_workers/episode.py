@@ -77,7 +77,7 @@ class EpisodeDriver:
         return tuple([injected[place] for place in self._perceived])
 
     def _check_end(self, last: Observation) -> None:
-        """Check that an episode has its steps: what it leaves out would count as safe."""
+        """Check that an episode has all of its steps: missing steps would count as safe."""
         if not last.collided and self._recorder.steps < self._steps:
             raise SimulatorError(
                 f"The episode ended after {self._recorder.steps} of {self._steps} steps, without a "
@@ -150,7 +150,7 @@ def make_result(
 
 
 def _refuse_lost_measures(measures: Measures) -> None:
-    """Refuse distances and severities that would not be stored; other measures may then lack."""
+    """Refuse distances and severities beyond the stored range; other measures may be missing."""
     for name in ("robustness_m", "severity"):
         value = getattr(measures, name)
         # Written with "not", so that NaN is refused as well.

@@ -27,7 +27,7 @@ def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     """Run an episode and record the planner's explanations; see `Explainer`.
 
     Raises:
-        InvalidValue: the campaign has no planner that could explain anything here.
+        InvalidValue: the campaign lacks a planner that could explain its decisions here.
         EpisodeError: the bridge of the campaign cannot be reached.
     """
     if why := world_of(setup.simulator).unexplained:
@@ -79,7 +79,7 @@ class TrueTraffic:
         self._swaps = [place for place, name in enumerate(quantities) if name == SWAPPED]
 
     def explain_step(self, number: int, step: RecordedStep) -> ExplainedStep:
-        """Return a step with the truth beside the planner's account."""
+        """Return a step with the planner's account and the truth."""
         result, vehicle = self._result, self._find_vehicle(number, step)
         gap_m, closing_mps = measure_gap(result.scene, number, vehicle)
         return ExplainedStep(

@@ -13,10 +13,11 @@ INPUT = "input"
 class wrap_errors:  # noqa: N801 - it is used like a function, as other context managers are
     """Turn exceptions of the block into errors of a kind, unless they have one already.
 
-    SystemExit and its like are exceptions of a plug-in, too: it may not end this process. Only
-    KeyboardInterrupt stays one, where Ctrl-C can cause it: workers' inner processes ignore that.
+    SystemExit and similar exceptions are turned into errors, too: a plug-in may not end this
+    process. Only KeyboardInterrupt remains, if Ctrl-C can cause it: workers' inner processes ignore
+    Ctrl-C.
 
-    A class, as a generator would take longer than a step of physics.
+    This is a class, because a generator would take longer than a step of physics.
     """
 
     def __init__(self, kind: type[EpisodeError], what: str, remedy: str) -> None:
@@ -60,8 +61,8 @@ def make_state_change_error(
 
     Args:
         kind: kind of the error.
-        culprit: what changed it, such as "the planner 'mine'".
-        changes: what was changed, as `ProcessState.changes` names it.
+        culprit: part that changed the state, such as "the planner 'mine'".
+        changes: the changes, as `ProcessState.changes` names them.
         result: result of the episode; its own fault may be a consequence, and is quoted.
     """
     problem = (

@@ -41,14 +41,14 @@ IMPORT_TIME_KEY = "__eigenfail_written_ns__"
 
 
 class FunctionEngine:
-    """Runs episodes, each of which is one call of a function. Implements `EpisodeEngine`.
+    """Runs episodes; each episode is one call of a function. Implements `EpisodeEngine`.
 
     The function receives a_t = sigma · u_t, where sigma is the disturbance model's scale and u is
     z in the model's shape; with the default model it receives z. An adversary's policy chooses z
     step by step; it observes zeros, and the progress.
 
     Args:
-        function: under test.
+        function: the function under test.
         steps: length of a noise trajectory.
         model: model of the disturbances; only its scale and its shape count.
         limit_s: wall time that one call may take.

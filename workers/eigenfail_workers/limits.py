@@ -151,7 +151,10 @@ def apply_kernel_limits(files: int = DEFAULT_FILES) -> None:
 
 
 def is_out_of_files() -> bool:
-    """Whether this process can open hardly another file: a new one gets the lowest free number."""
+    """Return whether this process can hardly open another file.
+
+    A new file gets the lowest free number: if it is close to the limit, few numbers are left.
+    """
     try:
         lowest = os.dup(0)
     except OSError:

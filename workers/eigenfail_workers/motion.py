@@ -45,9 +45,9 @@ def is_off_road(mission: Mission, vehicle: VehicleState) -> bool:
 
 
 def find_lane(mission: Mission, vehicle: VehicleState) -> LanePosition:
-    """Return where a vehicle is in the lane whose centre is nearest to its own.
+    """Return the position of a vehicle in the lane with the nearest centre.
 
-    Beyond its end, lane 0 does not count.
+    Lane 0 does not count beyond its end.
     """
     width_m, ends_x_m = mission.lane_width_m, mission.lane_0_ends_x_m
     first = 1 if ends_x_m is not None and vehicle.x_m > ends_x_m else 0

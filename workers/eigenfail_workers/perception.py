@@ -61,7 +61,7 @@ class SensorErrors:
         """Begin an episode.
 
         Args:
-            vehicles: number of vehicles of the episode besides the ego, where they come and go; a
+            vehicles: number of vehicles of the episode besides the ego, if they come and go; a
                 ghost has the next number.
         """
         self._ghost = None
@@ -69,7 +69,7 @@ class SensorErrors:
         self._vehicles = vehicles
 
     def perceive(self, now: Observation, dt_s: float, errors: Row) -> tuple[Perception, Point]:
-        """Return what the planner perceives, and where it sees the nearest vehicle.
+        """Return the planner's perception, and its perceived position of the nearest vehicle.
 
         Args:
             now: the truth.
@@ -127,7 +127,7 @@ class SensorErrors:
         return {vehicle: make_state(fields) for vehicle, fields in changed.items()}
 
     def _follow_ghost(self, ego: VehicleState) -> VehicleState:
-        """Return the ghost, which stands where it was when its event began."""
+        """Return the ghost, which keeps the position that it had when its event began."""
         if self._ghost is not None:
             return self._ghost
         x_m = ego.x_m + self._ahead_m
@@ -162,7 +162,7 @@ def list_fields(vehicle: VehicleState) -> list[float]:
 
 
 def make_state(fields: list[float]) -> VehicleState:
-    """Return a vehicle with these numbers, of some size at least."""
+    """Return a vehicle with the given fields; length and width have a minimum."""
     x_m, y_m, heading_rad, speed_mps, length_m, width_m = fields
     return VehicleState(
         x_m,

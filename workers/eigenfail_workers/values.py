@@ -1,4 +1,4 @@
-"""Values that the parts of an episode hand to each other."""
+"""Values that the parts of an episode exchange."""
 
 import msgspec
 

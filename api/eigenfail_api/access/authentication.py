@@ -89,7 +89,7 @@ RULES = tuple(
 
 
 def required_scope(method: str, path: str, rules: Iterable[Rule] = RULES) -> Scope | None:
-    """Return the least scope with which a request is answered; None if it requires no key."""
+    """Return the least scope that a request requires; None if it requires no key."""
     asked = "GET" if method == "HEAD" else method
     for known, pattern, scope in rules:
         # As the router does: its pattern also takes a newline behind the address.
@@ -99,7 +99,7 @@ def required_scope(method: str, path: str, rules: Iterable[Rule] = RULES) -> Sco
 
 
 def is_change(method: str, path: str, rules: Iterable[Rule] = RULES) -> bool:
-    """Return whether a request changes something, so that it belongs in the audit log."""
+    """Return whether a request changes something and therefore belongs in the audit log."""
     return method not in SAFE and required_scope(method, path, rules) in {
         Scope.RUNNER,
         Scope.ADMIN,
@@ -143,13 +143,13 @@ def act_as(caller: Caller | None) -> Iterator[None]:
 
 
 def find_caller_without(scope: Scope) -> Caller | None:
-    """Return the caller if the scope exceeds that of their key."""
+    """Return the caller if the caller's key does not include the scope; else None."""
     caller = _caller.get()
     return None if caller is None or caller.scope.allows(scope) else caller
 
 
 def get_signed_in_caller() -> Caller | None:
-    """Return the caller who is signed in with a browser; None for any other."""
+    """Return the caller who is signed in with a browser; None for other callers."""
     caller = _caller.get()
     return caller if caller is not None and caller.signed_in else None
 
@@ -197,10 +197,10 @@ class _Session:
 
 
 class Sessions:
-    """Sessions of browsers: a cookie with a random token stands for a key.
+    """Sessions of browsers: a cookie with a random token represents a key.
 
-    Tokens are kept in this process alone: after a restart, people sign in again. The oldest session
-    ends when there are too many.
+    Tokens are kept only in this process: after a restart, people sign in again. If there are too
+    many sessions, the oldest one ends.
     """
 
     def __init__(self) -> None:
@@ -217,7 +217,7 @@ class Sessions:
         return token
 
     def key_of(self, token: str, at_ms: int) -> int | None:
-        """Return the id of the key that a token stands for; None if its session has ended."""
+        """Return the id of the key that a token represents; None without an open session."""
         with self._lock:
             session = self._open.get(token)
             if session is not None and at_ms >= session.ends_ms:
@@ -234,7 +234,7 @@ class Sessions:
 class Authenticator:
     """Identifies callers, and limits the rate of their requests.
 
-    Once a key was made, keys are required permanently: also when all of them are revoked.
+    Once a key has been made, keys are always required, even after all keys are revoked.
 
     Args:
         store: store of the keys.
@@ -271,7 +271,7 @@ class Authenticator:
         return self._requires_keys
 
     def identify_anonymous(self, request: HTTPConnection) -> Caller | None:
-        """Return the anonymous caller if no key was required a moment ago; asks no database.
+        """Return the anonymous caller if no key was required a moment ago; reads no database.
 
         Raises:
             HTTPException: 429, too many requests came from this address.
@@ -298,9 +298,9 @@ class Authenticator:
         """Return the caller of a request.
 
         Raises:
-            Unauthorized: a key is required, and the request has no valid one.
-            Forbidden: a request of a browser that does not name the page that sends it; or a proxy
-                that does not name one user, or one without a scope.
+            Unauthorized: a key is required, and the request lacks a valid one.
+            Forbidden: a browser's request does not name the page that sends it; or a proxy does
+                not name exactly one user, or names a user without a scope.
             HTTPException: 429, too many requests or failed logins.
         """
         if not self.requires_keys():
@@ -357,10 +357,10 @@ class Authenticator:
 
 
 def _refuse_without_origin(request: HTTPConnection) -> None:
-    """Refuse a change by a browser that does not name the page; `OriginGuard` compares it.
+    """Refuse a browser's change that does not name its page; `OriginGuard` compares the name.
 
     Raises:
-        Forbidden: the request is a change, and has no Origin.
+        Forbidden: the request is a change without an Origin header.
     """
     if request.scope["method"] not in SAFE and "origin" not in request.headers:
         raise Forbidden(

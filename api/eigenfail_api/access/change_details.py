@@ -1,7 +1,7 @@
 """Details of a change for the audit log: the fields that a request gave, with their values.
 
-Only fields that are listed here are recorded: a body that is new, and a field that may hold a
-secret, such as an address with a password, leave nothing in the audit log until they are added.
+Only the fields listed here are recorded. A new body, or a field that may hold a secret (such as an
+address with a password), leaves nothing in the audit log until it is added.
 """
 
 from collections.abc import Iterator, Mapping
@@ -44,7 +44,7 @@ def record_body(scope: Scope, body: object) -> None:
 
 
 def record_form(scope: Scope, form: Mapping[str, str]) -> None:
-    """Keep the details of a form in the same way; an empty field is one that was given."""
+    """Keep the details of a form in the same way; an empty field counts as given."""
     scope[_KEY] = format_details((name, form[name]) for name in RECORDED_IN_FORMS if name in form)
 
 
@@ -55,7 +55,7 @@ def read_details(scope: Scope) -> str:
 
 
 def format_details(fields: Iterator[tuple[str, Any]]) -> str:
-    """Return fields with their values as JSON, cut where they are long, without any key."""
+    """Return fields and their values in JSON as text, cut if too long, with keys redacted."""
     # First taken out, then cut: half of a key would not be recognised.
     values = ((name, redact(msgspec.json.encode(value).decode())) for name, value in fields)
     texts = (f"{name} = {_cut(value, LONGEST_VALUE)}" for name, value in values)
@@ -67,7 +67,7 @@ def _cut(text: str, longest: int) -> str:
 
 
 def _iterate_fields(body: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the recorded fields; without those that change nothing."""
+    """Yield the recorded fields, except fields that change nothing."""
     for name in RECORDED[type(body)]:
         value = getattr(body, name)
         if type(value) in RECORDED:

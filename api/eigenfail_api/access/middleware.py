@@ -127,7 +127,7 @@ class AuthMiddleware:
                 await app(scope, receive, send_and_record)
 
     async def _authorise(self, request: Request) -> tuple[ASGIApp, authentication.Caller | None]:
-        """Return what answers the request, and its caller where a key may be required."""
+        """Return the app that answers a request, and the caller if a key may be required."""
         required = authentication.required_scope(request.method, request.scope["path"], self._rules)
         if required is None:
             return self._app, None
@@ -149,7 +149,7 @@ def _refuse_keys_in_address(scope: Asked) -> None:
     """Refuse a key in an address: proxies and browsers store addresses.
 
     Raises:
-        InvalidValue: there is one.
+        InvalidValue: the address contains a key.
     """
     query = scope.get("query_string", b"").decode("latin-1")
     # The server has decoded the path, and not the query.
@@ -242,7 +242,7 @@ def _redact(text: str) -> str:
 
 
 class Preconditions:
-    """Middleware: refuse changes of what is no longer what the request's `If-Match` names."""
+    """Middleware: refuse a change if its `If-Match` does not name the present version."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -1,8 +1,8 @@
 """Sign-in by a reverse proxy, which names the user in headers that are trusted from it alone.
 
-A client can send any header. So the headers of a user count only if the peer of the TCP
-connection is in a network that the operator named: neither `X-Forwarded-For` nor another header
-changes which address the peer has. The headers of other peers are ignored.
+A client can send any header. So a user's headers count only if the peer of the TCP connection is
+in a network that the operator named. Neither `X-Forwarded-For` nor another header changes the
+address of the peer. The headers of other peers are ignored.
 """
 
 import re
@@ -35,7 +35,7 @@ class PeerRecorder:
     """Middleware: record the peer of the connection, before headers change the client's address.
 
     Args:
-        app: the application, with what reads `X-Forwarded-For`.
+        app: the application, including the middleware that reads `X-Forwarded-For`.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -79,7 +79,8 @@ class ProxySignIn:
         """Return the user of a request; None if no trusted proxy names one.
 
         Raises:
-            Forbidden: a header is there twice, names no user or several, or the user has no scope.
+            Forbidden: a header is repeated, or does not name exactly one user; or the user lacks a
+                scope.
         """
         if not is_within(request.scope.get(PEER, ""), self._networks):
             return None

@@ -135,8 +135,8 @@ class LoginThrottle:
         """Refuse a caller that sent too many wrong keys within the last minute.
 
         Args:
-            address: address from which the key was sent.
-            key: the id that it names; empty if it names none.
+            address: address that sent the key.
+            key: the id that the key names; empty if it names none.
             at_ms: milliseconds since 1970.
 
         Raises:
@@ -164,7 +164,7 @@ class LoginThrottle:
 
 
 def network_of(address: str) -> str:
-    """Return the network whose failures are counted together: of IPv6, the first 64 bits."""
+    """Return the network whose failures are counted together; for IPv6, its first 64 bits."""
     parsed = parse_address(address)
     if not isinstance(parsed, IPv6Address):
         return address if parsed is None else str(parsed)

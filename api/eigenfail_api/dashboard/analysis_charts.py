@@ -266,7 +266,7 @@ def list_component_rows(interval: TrainingInterval) -> list[charts.Row]:
 def make_ridges(
     result: AnalysisResult, ways: Sequence[int], names: Sequence[str], lines: Lines, *, unit: str
 ) -> dict[str, object]:
-    """Return the lines [unit] by channel, interval and name; an interval may have no failures."""
+    """Return lines [unit] by channel, interval and name; empty for intervals without failures."""
     intervals = result.training
     steps = pick_evenly(len(intervals[0].mean), MOST_STEPS)
     return {

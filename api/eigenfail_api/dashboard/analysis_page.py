@@ -97,8 +97,9 @@ def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> rend
 
     Args:
         result: result of the analysis.
-        is_whole: whether failures of the whole course were analysed. If early ones are left out,
-            the first tenths hold no mode by construction, and when modes were seen tells nothing.
+        is_whole: whether failures of the whole course were analysed. If early failures are left
+            out, the first tenths contain no modes by construction. The tile that shows when all
+            modes were seen would then be meaningless.
     """
     found = result.diversity
     # Figures of modes would call groups of failures modes.
@@ -159,7 +160,7 @@ class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         mode: the mode, as the analysis found it.
         share: its share of the failures that were analysed.
-        words: what it is, without its number, which stands above.
+        words: description of the mode, without its number, which the page shows above.
         medoid_campaign: campaign of its medoid.
         clip: address of the medoid's player.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
@@ -186,7 +187,7 @@ def make_analysis_view(
 
     Args:
         analysis: the analysis.
-        campaigns: the campaign that it is of, and those that it analyses with it.
+        campaigns: the campaign of the analysis, and the campaigns that are analysed with it.
         proof: the replays of its modes; None before there is a result.
         modes: its modes, with their names and triage.
     """

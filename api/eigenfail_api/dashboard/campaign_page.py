@@ -99,7 +99,7 @@ class NextStep(msgspec.Struct, frozen=True):
 
     Attributes:
         verb: label of its button or link.
-        words: what it does, in a sentence.
+        words: effect of the step, in a sentence.
         command: command that does the same.
         address: page to open, or route that takes the action.
         leads_to: page of what an action makes, without its id; empty if the step is a page to open.

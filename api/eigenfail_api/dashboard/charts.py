@@ -70,11 +70,11 @@ class Chart(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         id: id of its element on the page.
-        kind: which module draws it.
-        title: what it shows.
+        kind: name of the module that draws it.
+        title: title of the chart.
         caption: how to read it, in a sentence.
-        data: for the module; plain JSON, and arrays, which the page rounds.
-        table: the same numbers, for readers without scripts; its notes say what it leaves out.
+        data: data for the module; plain JSON, and arrays, which the page rounds.
+        table: the same numbers, for readers without scripts; its notes describe omissions.
         every: the table of all channels. It is given if the chart and its table show only the most
             influential channels.
     """
@@ -104,9 +104,9 @@ class ChannelPlot(NamedTuple):
 
     Attributes:
         channels: names of the channels.
-        weights: what counts for each, as `pick_channels` takes it.
-        draw: returns data for the browser of the channels in these columns of the noise.
-        tabulate: returns the table of these channels.
+        weights: values that rank the channels, as `pick_channels` takes them.
+        draw: returns the browser's data for the channels in the given columns of the noise.
+        tabulate: returns the table of the channels in the given columns.
     """
 
     channels: Sequence[str]
@@ -223,7 +223,7 @@ def make_robustness_chart(
 ) -> Chart:
     """Return the chart of each episode's smallest distance to another vehicle.
 
-    Without a unit it is that of the requirements, or of a function's answers.
+    If the unit is empty, the chart shows the robustness of requirements, or a function's answers.
     """
     # An episode that errored measured nothing.
     measured = [row for row in rows if row.robustness_m is not None]
@@ -323,13 +323,13 @@ class Spread(NamedTuple):
 def spread(
     store: Store, campaign: Campaign, where: Conditions = (), most: int | None = None
 ) -> Spread:
-    """Return all matching episodes or, beyond `most`, the first ones of even intervals.
+    """Return all matching episodes or, if there are too many, the first ones of even intervals.
 
     Args:
-        store: where they are.
-        campaign: their campaign.
-        where: what they must match.
-        most: how many there are at most; None: as many as a chart draws.
+        store: store of the episodes.
+        campaign: campaign of the episodes.
+        where: conditions that the episodes must match.
+        most: largest number of episodes; None: as many as a chart draws.
     """
     most = LINES if most is None else most
     page = store.episodes.page(campaign.id, most, None, where)
@@ -357,8 +357,8 @@ class PriorReference(msgspec.Struct, frozen=True):
 
     Attributes:
         typical: average log p of noise drawn from p(x). [nats]
-        none: log p of no noise at all, the largest that there is. [nats]
-        failures: how many were looked at.
+        none: log p of no noise at all, the largest possible value. [nats]
+        failures: number of failures that were considered.
     """
 
     typical: float
@@ -382,7 +382,7 @@ def read_reference(store: Store, campaign: int, failures: Iterable[int]) -> Prio
     """Return the same reference, computed from the stored noise.
 
     Raises:
-        NoisePruned: it is not stored any more.
+        NoisePruned: the noise is not stored any more.
     """
     found = store.episodes.finished(campaign, failures)
     return make_reference([result.noise for result in found if result.steps])

@@ -106,7 +106,7 @@ class Wish(NamedTuple):
     Attributes:
         campaign: campaigns that were picked.
         diff: whether only settings that differ are shown.
-        q: what the names of those to pick from contain.
+        q: text that the names of the offered campaigns contain.
     """
 
     campaign: Picked
@@ -150,7 +150,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> dict[str
 
     Raises:
         InvalidValue: too many were picked.
-        NotFound: there is no such campaign.
+        NotFound: a selected campaign does not exist.
     """
     campaigns = sides.read_distinct_campaigns(wished.campaign, store)
     ids = [each.id for each in campaigns]

@@ -32,8 +32,8 @@ def format_curl(service: Service, path: str, body: Values | None = None) -> str:
     """Return a request as a shell command, with the key from the variable of the SDK.
 
     Args:
-        service: where the request goes.
-        path: below /api/v1, with ids and query.
+        service: service that receives the request.
+        path: path below /api/v1, with ids and query.
         body: body of a POST request, as plain data; None for a GET request.
     """
     # A filter contains spaces and characters that have a meaning in a shell.

@@ -158,7 +158,7 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
 
 
 def describe_shared_settings(peers: Peers) -> str:
-    """Return the other settings that the campaigns have in common."""
+    """Return the remaining settings that the campaigns have in common, as a sentence."""
     given = {
         "planner": peers.planner_settings,
         "scenario": peers.scenario_parameters,

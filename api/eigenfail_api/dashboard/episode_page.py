@@ -45,9 +45,9 @@ NOT_CLASSIFIED = "not classified"
 def list_facts(
     result: EpisodeResult, channels: Sequence[str], dt_s: float | None, *, has_road: bool
 ) -> Facts:
-    """Return the facts on an episode: its outcome, origin and versions.
+    """Return the facts on an episode: its measures, likelihood, origin and computing time.
 
-    Of a function robustness alone was measured, which has no unit.
+    For a function, only the robustness was measured. It does not have a unit.
     """
     measures, steps = result.measures, result.steps
     lasted = f" ({figures.format_number(steps * dt_s)} s)" if dt_s else ""
@@ -134,7 +134,7 @@ def _format_measure(measure: Measure, value: Any) -> tuple[str, str]:
 
 
 def format_severity(value: float | None) -> str:
-    """Return severity and the relative speed of which it is the square, as text."""
+    """Return the severity and its square root, the relative speed, as text."""
     if value is None:
         return figures.UNKNOWN
     speed = figures.format_number(sqrt(value))
@@ -184,7 +184,7 @@ def list_recordings(campaign: int, index: int) -> tuple[tuple[str, str], ...]:
 
 
 def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
-    """Return the reason why there is no scene to play."""
+    """Return the reason why an episode lacks a scene to play."""
     if not result.steps:
         return "The episode ended before its first step: there is no scene."
     if not world_of(campaign.spec.simulator).has_road:
@@ -207,10 +207,10 @@ Moment = Annotated[float | None, Query(ge=0.0, le=LONGEST_S)]
 def read_list(
     conditions: Conditions = None, sort: str = str(BY_INDEX)
 ) -> episodes_page.EpisodeRequest | None:
-    """Return the list that an episode was reached from, as its address has it.
+    """Return the list that an episode was reached from, as the address states it.
 
     Raises:
-        UnknownName: the list has no such order.
+        UnknownName: the list cannot have this order.
     """
     return (
         None if conditions is None else episodes_page.EpisodeRequest(conditions, parse_sort(sort))
@@ -293,7 +293,7 @@ def find_neighbours(
     """Return the neighbours of an episode in the list that it was reached from.
 
     Raises:
-        InvalidValue, UnknownName: the list has no such filter or order.
+        InvalidValue, UnknownName: the list cannot have this filter or order.
     """
     asked = listed or episodes_page.EpisodeRequest(write_failure_filter(campaign.spec), BY_INDEX)
     where, sort = parse_filter(asked.filter), asked.sort

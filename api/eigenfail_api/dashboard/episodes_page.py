@@ -30,10 +30,10 @@ class SortedColumn(NamedTuple):
     """A column that a list can be sorted by.
 
     Attributes:
-        name: as in filters.
-        label: what stands in its head, above the unit.
+        name: name of the column, as in filters.
+        label: text of the column head, above the unit.
         largest_first: whether the largest values are of interest, and come first.
-        is_minor: whether small screens do without it.
+        is_minor: whether small screens omit the column.
     """
 
     name: str
@@ -65,11 +65,12 @@ class EpisodeRequest(msgspec.Struct, frozen=True):
 
 
 class EpisodeLine(msgspec.Struct, frozen=True):
-    """An episode in a list, with what stands there as text.
+    """An episode in a list, with its cells as text.
 
     Attributes:
-        address: page of the episode; it knows the list, so that it can lead to the next one.
-        conflict: its class, beside the outcome.
+        address: page of the episode; includes the list, so that the page can lead to the next
+            episode.
+        conflict: conflict class, shown next to the outcome.
         cells: figures, as in `FIGURES`.
     """
 
@@ -84,8 +85,8 @@ class Heading(msgspec.Struct, frozen=True):
     """The head of a column that a list can be sorted by.
 
     Attributes:
-        address: the list, sorted by it.
-        order: ascending or descending if it is sorted by it now; empty if not.
+        address: address of the list, sorted by the column.
+        order: ascending or descending if the list is now sorted by the column; empty if not.
     """
 
     column: SortedColumn
@@ -149,7 +150,7 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
 
 
 def describe_conflict(row: EpisodeRow) -> str:
-    """Return the conflict class where it says more than the outcome."""
+    """Return the conflict class if it says more than the outcome."""
     known = row.assessed.conflict
     # A safe episode has no conflict, and an old one no class: the outcome says enough.
     words = "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
@@ -193,9 +194,9 @@ def find_worst_order(spec: CampaignSpec) -> str:
 def make_headings(
     spec: CampaignSpec, find_address: Callable[[str], str], now: filters.SortOrder | None
 ) -> tuple[Heading, ...]:
-    """Return the column heads; the one that sorts the list links to the reverse order.
+    """Return the column heads; the head that sorts the list links to the reverse order.
 
-    The robustness of a function has no unit.
+    The robustness of a function does not have a unit.
 
     Args:
         spec: spec of the campaign.
@@ -317,7 +318,7 @@ async def parse_request(
     sort: str = str(filters.BY_INDEX),
     after: After = None,
 ) -> EpisodeRequest:
-    """Return what an address asks for; the filter is parsed later."""
+    """Return the list of episodes that an address requests; the filter is parsed later."""
     return EpisodeRequest(conditions.strip(), filters.parse_sort(sort), after)
 
 

@@ -54,7 +54,7 @@ def parse_request(
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
-    """Return what an address asks for."""
+    """Return the query for failures that an address describes."""
     # Parsed only to refuse a wrong order before anything is read.
     parse_failure_sort(sort)
     of_campaign = {name: text.strip() for name, text in campaigns._asdict().items()}

@@ -82,7 +82,7 @@ def list_links(member: MemberReport) -> Iterator[PageLink]:
 
 
 def link_pair(text: str, address: str, place: str) -> PageLink:
-    """Return a link to an episode or failure mode. Without its ids the link has no address."""
+    """Return a link to an episode or failure mode; it lacks an address if `place` lacks ids."""
     # The report holds what the gate was given, which need not be an address of this service.
     match = _PAIR.fullmatch(place)
     return (

@@ -24,10 +24,9 @@ class Term(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         key: identifier of the term in addresses.
         name: name of the term.
-        words: what the figure is, and what it is not.
+        words: definition of the figure, and what the figure does not mean.
         unit: unit of the figure; empty without one.
-        labels: texts under which the figure stands in tables and on pages, without unit, threshold
-            or interval.
+        labels: labels of the figure in tables and on pages, without unit, threshold or interval.
     """
 
     key: str
@@ -56,7 +55,7 @@ def list_terms() -> tuple[Term, ...]:
 
 
 def find_term(label: str) -> Term | None:
-    """Return the term under whose label a figure stands; None if it needs no definition."""
+    """Return the term for the label of a figure; None if the figure needs no definition."""
     by_label = _map_labels()
     return by_label.get(label) or by_label.get(MORE.sub("", label))
 

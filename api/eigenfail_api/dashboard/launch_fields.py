@@ -26,10 +26,10 @@ def read_number(text: str) -> int | float | str:
 
 
 def parse_text(kind: str, text: str) -> Any:
-    """Return the value that a text is for a kind of field.
+    """Return the value of a text for a kind of field.
 
-    A text that cannot be read stays a text. The check of the spec then names the field and says
-    what is wrong.
+    A text that cannot be read stays a text. The check of the spec then names the field and the
+    error.
     """
     if kind in ("list", "words"):
         parts = [part.strip() for part in text.split(",") if part.strip()]
@@ -94,13 +94,13 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: its path in a CampaignSpec, and in the form.
-        label: the last word of that.
+        label: the last word of the path.
         kind: number, optional (a number, or off), text, choice, switch, list, words, table, or
             varied: a number that is fixed or drawn.
-        step: step of a number: 1 of whole ones.
+        step: step of a number: 1 for whole numbers.
         least: smallest value that a browser is to take; empty if there is none.
-        most: largest one.
-        default: what holds if nothing is typed; empty if something must be.
+        most: largest value, likewise.
+        default: value if nothing is typed; empty if something must be typed.
         bounds: describes the valid values.
         options: options of a choice.
     """
@@ -133,11 +133,11 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LaunchGroup(msgspec.Struct, frozen=True, kw_only=True):
-    """Fields that belong together, and groups of such.
+    """Fields that belong together, and nested groups.
 
     Attributes:
-        name: path of what they are fields of.
-        about: what it is, from its docstring.
+        name: path of the object that has the fields.
+        about: description of the object, from its docstring.
     """
 
     name: str
@@ -158,9 +158,9 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
 
     Args:
         schema: JSON schema of the setting, with its `$defs`.
-        name: its path.
-        title: what it is called.
-        varied: whether its values may be drawn from distributions.
+        name: path of the setting.
+        title: title of the group.
+        varied: whether the setting's values may be drawn from distributions.
     """
     # References count from the top of the schema: nested groups need the same definitions.
     node, defs = resolve_schema(schema, schema), schema.get("$defs", {})
@@ -281,7 +281,7 @@ class LaunchEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         text: as it was typed.
-        how: fixed, or drawn from which distribution.
+        how: fixed, or the distribution that the value is drawn from.
         low: smallest value of a uniform distribution; high: its largest.
         choices: the values of a choice, comma-separated.
     """

@@ -120,7 +120,7 @@ def make_bridge_parts(swapping: launch_fields.LaunchField) -> tuple[LaunchPart, 
 
 
 def make_name_field(name: str, help_text: str) -> launch_fields.LaunchField:
-    """Return a field of the spec for a name that no list has, and that has no default."""
+    """Return a required field of the spec for a name without a list or a default."""
     return replace(make_own_fields(name)[0], default="", help=help_text, required=True)
 
 

@@ -37,12 +37,12 @@ class LaunchTrouble(msgspec.Struct, frozen=True):
 
 
 class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
-    """The launch form with its fields and errors.
+    """A field of the launch form, with its content and error.
 
     Attributes:
-        entry: what stands in it.
-        before: what stood there in the earlier campaign, if that was something else.
-        swaps: whether other fields depend on it.
+        entry: content of the field.
+        before: content of the field in the earlier campaign, as text; None if it is the same.
+        swaps: whether other fields depend on the field.
     """
 
     field: launch_fields.LaunchField
@@ -158,9 +158,9 @@ MOST_PRECEDENTS = 100
 
 
 def find_precedent(store: Store, spec: CampaignSpec) -> Campaign | None:
-    """Return the newest campaign of the same kind that has ended; None without one.
+    """Return the newest completed campaign of the same kind; None without one.
 
-    Of the same kind are campaigns of the same method against the same planner in the same scenario.
+    Campaigns of the same kind have the same method, planner, scenario and simulator.
     """
     # A campaign that was cut off says less about the time of a whole one.
     done = CampaignFilter(method=spec.method, state=CampaignState.DONE)
@@ -175,7 +175,7 @@ def find_precedent(store: Store, spec: CampaignSpec) -> Campaign | None:
 
 
 def describe_estimate(store: Store, spec: CampaignSpec) -> str:
-    """Return duration and cost of a campaign after those of its precedent, as a sentence."""
+    """Return the duration and cost of a campaign, estimated from its precedent, as a sentence."""
     if (earlier := find_precedent(store, spec)) is None:
         return "No estimate: no campaign of this method, planner and scenario has ended yet."
     share = spec.episodes / earlier.counts.completed
@@ -232,7 +232,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dic
     Raises:
         UnknownName: something was typed that no campaign has.
         InvalidValue: the earlier campaign is not a number.
-        NotFound: there is no such campaign.
+        NotFound: the earlier campaign does not exist.
     """
     # A misspelt field would be ignored, and another campaign launched than the one meant.
     refuse_strangers(typed)
@@ -273,7 +273,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dic
 
 
 def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
-    """Return the fields of a campaign's file, and why it cannot be imported, if so."""
+    """Return the fields of a campaign's file, and the problems if it cannot be imported."""
     try:
         table = read_toml(text, TOML)
     except InvalidValue as error:
@@ -305,11 +305,11 @@ def refuse_strangers(typed: Mapping[str, str]) -> None:
 
 
 def find_origin(store: Store, typed: Mapping[str, str]) -> Campaign | None:
-    """Return the campaign that the form begins with.
+    """Return the campaign that the form begins with; None without one.
 
     Raises:
         InvalidValue: the text is not an id.
-        NotFound: there is no such campaign.
+        NotFound: the campaign does not exist.
     """
     named = typed.get(FROM, "")
     if not named:

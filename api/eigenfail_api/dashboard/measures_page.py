@@ -127,7 +127,7 @@ def list_time(time: TimeSplit) -> tuple[tuple[str, str, float, float], ...]:
 def make_measures_view(
     campaign: Campaign, safety: Safety, cost: CampaignCost, workers: tables.Table
 ) -> dict[str, object]:
-    """Return what the page shows, without parts that have no values."""
+    """Return the content of the page, without parts that lack values."""
     some, has_road = safety.completed > 0, world_of(campaign.spec.simulator).has_road
     remarks = filter(None, (safety.severity.problem, *safety.notes))
     return {

@@ -1,6 +1,6 @@
-"""The page of a failure mode: what it is, what it costs, its failures, and its triage.
+"""The page of a failure mode: its description, cost, failures and triage.
 
-The form of the triage works without JavaScript: it leads back to the page that it is on.
+The triage form works without JavaScript: it leads back to its page.
 """
 
 import re
@@ -165,10 +165,10 @@ def read_change(form: Mapping[str, str]) -> triage.TriageChange:
 
 
 def read_version(form: Mapping[str, str]) -> int | None:
-    """Return when the triage that a form shows was changed last; None if it never was. [ms]
+    """Return when the triage that a form shows was last changed; None if never. [ms]
 
     Raises:
-        InvalidValue: it is no such time.
+        InvalidValue: the text is not a time in milliseconds.
     """
     text = form.get("changed_ms", "")
     if text and not VERSION.fullmatch(text):

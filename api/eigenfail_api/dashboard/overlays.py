@@ -200,7 +200,7 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the distribution of robustness.
 
-    The robustness of a function or of requirements has no unit.
+    The robustness of a function or of requirements does not have a unit.
     """
     units = {find_robustness_unit(one.campaign.spec) for one in compared}
     # One axis may show distances beside values that have no unit: the title says which have one.

@@ -45,7 +45,7 @@ Project = Annotated[str, Query(max_length=80)]
 
 @router.get("/releases", dependencies=[RELEASES])
 def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
-    """Serve the scenarios in which versions of a planner were tested."""
+    """Serve the scenarios that versions of a planner were tested in."""
     questions = list_tested_worlds(store, project or None)
     # A table costs a comparison of all versions: only the newest scenarios have one here.
     tables = list_release_tables(store, project or None, SHOWN)
@@ -75,7 +75,7 @@ def show_release(store: Stored, campaign: CampaignId) -> HTMLResponse:
 
 @router.get("/analyses/{analysis}/modes/{mode}/history", dependencies=[RELEASES])
 def show_mode_history(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> HTMLResponse:
-    """Serve what became of a mode over the releases; its page asks for it once it stands."""
+    """Serve the history of a mode over the releases; the mode's page requests it once loaded."""
     seen = store.analyses.mode(analysis, mode)
     campaign, history = find_history(store, analysis, mode) or (None, None)
     return page(

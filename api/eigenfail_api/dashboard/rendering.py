@@ -110,8 +110,8 @@ _encoder = msgspec.json.Encoder(enc_hook=round_array)
 def to_json(value: object) -> str:
     """Return a value as JSON for a data attribute.
 
-    Arrays are rounded for the screen. A value that is not finite is null: JSON does not know it,
-    and it leaves a gap in the line of a chart.
+    Arrays are rounded for the screen. A value that is not finite becomes null, because JSON cannot
+    express it; it leaves a gap in the line of a chart.
     """
     return _encoder.encode(value).decode()
 
@@ -152,9 +152,9 @@ class CampaignFile(NamedTuple):
 
     Attributes:
         title: text of the link.
-        note: format of the file, beside the link.
+        note: format of the file, next to the link.
         address: address of the file, with `{campaign}` in the place of the campaign's id.
-        is_button: whether it is a button beside the list of files, and not in the list.
+        is_button: whether it is a button next to the list of files, and not in the list.
         is_page: whether it is a page, which a browser shows and does not store.
         suits: returns whether a campaign has the file; absent if each has it.
     """
@@ -168,7 +168,7 @@ class CampaignFile(NamedTuple):
 
 
 class ForeignLinks(NamedTuple):
-    """The links of an application's extensions, which stand after those of the core."""
+    """The links of an application's extensions, which follow the links of the core."""
 
     navigation: tuple[NavigationEntry, ...] = ()
     campaign_files: tuple[CampaignFile, ...] = ()
@@ -205,11 +205,11 @@ FOREIGN_TEMPLATES: dict[str, jinja2.BaseLoader] = {}
 def add_templates(package: str) -> None:
     """Make the templates of a package known as PACKAGE/FILE.
 
-    A template of the core has no folder in its name, so that no package can replace it.
+    The name of a core template does not contain a folder, so that no package can replace it.
 
     Raises:
         ImportError: the package cannot be imported.
-        ValueError: the package has no folder `templates`.
+        ValueError: the package does not have a folder `templates`.
     """
     FOREIGN_TEMPLATES.setdefault(package, jinja2.PackageLoader(package))
 
@@ -325,14 +325,14 @@ NOTHING_YET = ("no episode completed",)
 
 
 class Tile(msgspec.Struct, frozen=True):
-    """A figure, and what it rests on.
+    """A figure and its basis.
 
     Attributes:
         figure: the figure, as a cell of a table holds it.
-        notes: what it rests on, each a line below it.
+        notes: basis of the figure, each note on a line below it.
         remark: a sentence on how to read it; empty if there is nothing to say.
-        mark: what stands for the remark in a table, in a few words; empty if the remark does.
-        term: label of the definition beside the mark.
+        mark: short form of the remark for tables; empty if tables show the remark itself.
+        term: label of the definition next to the mark.
         unit: unit of the figure; "share" for a share of one, which is shown in percent.
     """
 

@@ -49,8 +49,8 @@ class ReplayVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict on whether a replay gave the stored result.
 
     Attributes:
-        meaning: what follows from that.
-        tone: of a good thing, of a doubtful one, or of neither: empty.
+        meaning: consequence of the verdict, in words.
+        tone: tone for a good or a doubtful verdict; empty for neither.
     """
 
     words: str
@@ -60,7 +60,7 @@ class ReplayVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def find_source(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
-    """Return campaign and index of the episode whose noise is repeated; None if of no episode."""
+    """Return campaign and index of the episode whose noise is repeated; None without an episode."""
     campaign, episodes = (spec.settings.get(name) for name in ("campaign", "episodes"))
     if spec.method != REPLAY or not campaign or not episodes:
         return None

@@ -69,7 +69,7 @@ CONVENTIONAL_LANE_M = 3.5
 def make_noise_chart(
     noise: NoiseTrajectory, dt_s: float | None, channels: Sequence[str] = AXES
 ) -> charts.Chart:
-    """Return the chart of the noise of these channels, step by step."""
+    """Return the chart of the noise of the given channels, step by step."""
     standardised = noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
@@ -109,8 +109,8 @@ LONGEST_TTC_S = 10.0
 class StripScale(NamedTuple):
     """The values that the axis of a strip covers at least, in the unit of the strip.
 
-    Without it, a truck that does nothing would seem to brake: its noise of rounding would fill the
-    strip.
+    Without it, rounding noise would fill the strip, and a truck that does nothing would seem to
+    brake.
     """
 
     low: float
@@ -245,7 +245,7 @@ def _round_places(places: Floats) -> list[object]:
 
 
 def _list_optional_values(scene: Scene) -> dict[str, object]:
-    """Return the borders of the lanes and the kinds of the vehicles, where the scene has them.
+    """Return the borders of the lanes and the kinds of the vehicles, if the scene has them.
 
     A vehicle of an unknown kind has an empty text.
     """
@@ -267,7 +267,7 @@ def find_nearest_actors(scene: Scene) -> list[int]:
 
 
 def make_scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
-    """Return a step as text; the last step has no perception and no control."""
+    """Return a step as text; the last step lacks perception and control."""
     ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
     # The last state follows the last decision: nothing is perceived or steered there.
     is_over = step >= min(len(scene.perceived), len(scene.controls))
@@ -298,7 +298,7 @@ def make_account_view(explanation: Explanation, mission: Mission | None) -> dict
 
 
 def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
-    """Return columns with a value for each step: texts, figures, the path as x, y, x, y …"""
+    """Return columns with a value per step: texts, figures, and the path as flat (x, y, …)."""
     words = {name: [str(step.account.get(name, "")) for step in steps] for name in WORDS}
     words["heeds"] = [
         f"{word}, vehicle {step.vehicle}" if step.vehicle and word not in ("", "nobody") else word
@@ -333,7 +333,7 @@ MOST_TABLE_ROWS = 60
 
 
 def describe_first(recordings: OverlaidRecordings) -> str:
-    """Return which failure is opaque: the medoid, or an episode if the medoid has no scene."""
+    """Return which failure is opaque: the medoid, or an episode if the medoid lacks a scene."""
     campaign, index = recordings.episodes[0]
     return "the medoid" if recordings.has_medoid else f"episode {campaign}/{index}"
 

@@ -36,10 +36,10 @@ _ID = re.compile(r"#?([1-9]\d{0,18})(?:/(\d{1,19}))?")
 
 
 class Hit(msgspec.Struct, frozen=True):
-    """A line of the answer.
+    """A line of the search results.
 
     Attributes:
-        note: what tells it from others of its name.
+        note: text that distinguishes it from others with the same name.
         state: state of a campaign; None for anything else.
     """
 
@@ -54,7 +54,7 @@ class HitGroup(msgspec.Struct, frozen=True):
 
     Attributes:
         is_cut: whether more match than the page lists.
-        more: address of the list of all; empty if there is no such list.
+        more: address of the full list; empty if such a list does not exist.
     """
 
     title: str

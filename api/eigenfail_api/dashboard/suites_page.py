@@ -53,8 +53,8 @@ class HeatCell(msgspec.Struct, frozen=True):
     Attributes:
         failures: rate under p(x) with its interval, or how many of the episodes that a search chose
             failed; None if no member has these values, or no episode was completed.
-        level: 0 without a failure, up to `LEVELS` for the largest rate of the map; None of a
-            search, whose episodes say nothing of a rate.
+        level: 0 without a failure, up to `LEVELS` for the largest rate of the map; None for a
+            search, whose episodes do not estimate a rate.
         address: page of the member; empty if there are several, or none.
     """
 
@@ -69,8 +69,8 @@ class HeatMap(msgspec.Struct, frozen=True):
     Attributes:
         down: name of the setting whose values are the rows.
         across: name of the setting whose values are the columns.
-        columns: values of the latter.
-        rows: each value of the former, with a cell for each column.
+        columns: values of the setting `across`.
+        rows: each value of the setting `down`, with a cell for each column.
     """
 
     down: str
@@ -151,10 +151,10 @@ def make_heat_map(table: SuiteTable) -> HeatMap | None:
 
 
 def pool_failures(members: Sequence[SuiteRow]) -> Rate | None:
-    """Return failures ÷ completed episodes of members of several seeds; None before the first one.
+    """Return failures ÷ completed episodes of members of several seeds; None without episodes.
 
-    Only samples whose number of episodes was fixed have an interval together. Episodes of a member
-    that completed none are errored ones of all members.
+    A pooled rate has an interval only if all members are samples with a fixed number of episodes.
+    If a member completed no episode, its errored episodes still count.
     """
     known = [rate for row in members if (rate := row.summary.failure_rate) is not None]
     lost = sum(row.summary.counts.errored for row in members if row.summary.failure_rate is None)

@@ -81,7 +81,7 @@ class _Course(NamedTuple):
 
 
 class _View(NamedTuple):
-    """Where metres are on the picture.
+    """Scale and position of the picture in metres.
 
     Attributes:
         scale: pixels per metre, of the picture that is made smaller at the end.
@@ -129,7 +129,8 @@ def draw_overlaid_episodes(recordings: OverlaidRecordings) -> bytes:
 def list_durations_ms(steps: Sequence[int], dt_s: float) -> list[int]:
     """Return how long each drawn step but the last is shown, in whole 10 ms. [ms]
 
-    GIF has no finer times. Moments are rounded, not durations, so that errors do not add up.
+    GIF times are multiples of 10 ms. Moments are rounded, not durations, so that errors do not add
+    up.
 
     Args:
         steps: steps that are drawn.

@@ -93,10 +93,10 @@ class _Log:
 def write_mcap(recording: EpisodeRecording) -> bytes:
     """Return the MCAP log of an episode.
 
-    Topics: `/tf` (foxglove.FrameTransforms), `/<vehicle>/pose` (foxglove.PoseInFrame), `/scene`
-    (foxglove.SceneUpdate), `/perceived` (foxglove.PoseInFrame), where the ego saw the nearest
-    vehicle, and as JSON `/noise`, what was injected, and `/ego/control`, what the planner asked
-    for. The metadata says which episode it is.
+    Topics of protobuf: `/tf` (foxglove.FrameTransforms), `/<vehicle>/pose` (foxglove.PoseInFrame),
+    `/scene` (foxglove.SceneUpdate) and `/perceived` (foxglove.PoseInFrame), the perceived position
+    of the nearest vehicle. Topics of JSON: `/noise`, the injected noise, and `/ego/control`, the
+    planner's command. The metadata says which episode it is.
 
     Args:
         recording: the episode.
@@ -255,7 +255,7 @@ def _make_colour(colour: Colour) -> Any:
 
 
 def _write_perceived(log: _Log, recording: EpisodeRecording, step: int, at_ns: int) -> None:
-    """Write where the ego saw the nearest vehicle; nothing if that was missed."""
+    """Write the perceived position of the nearest vehicle; nothing if that was missed."""
     x_m, y_m = map(float, recording.scene.perceived[step])
     if np.isfinite([x_m, y_m]).all():
         moment = _make_timestamp(at_ns)

@@ -1,8 +1,8 @@
 """Episodes as OpenSCENARIO 1.2 on a road in OpenDRIVE 1.7, with the noise in another file.
 
 ASAM OpenSCENARIO XML 1.2.0 and ASAM OpenDRIVE 1.7.0: the reference point of a vehicle is the middle
-of its rear axle, on the ground; that of a pedestrian is the centre of the footprint. A scene has
-the centres of the footprints: `find_reference_offset` tells how far one is ahead of the other.
+of its rear axle, on the ground; for a pedestrian it is the centre of the footprint. A scene has the
+centres of the footprints; `find_reference_offset` gives the offset.
 """
 
 import csv
@@ -58,8 +58,9 @@ def write_open_scenario(
 ) -> bytes:
     """Return a ZIP archive of scenario, road, noise and facts.
 
-    `scenario.xosc` names `road.xodr` beside it. `noise.csv` has what was injected at each step, and
-    where the ego saw the nearest vehicle. `episode.json` says which episode it is.
+    `scenario.xosc` names `road.xodr` in the same archive. `noise.csv` has the injected noise at
+    each step, and the perceived position of the nearest vehicle. `episode.json` says which episode
+    it is.
 
     Args:
         recording: the episode.
@@ -80,7 +81,7 @@ def write_open_scenario(
 
 
 def find_kind(scene: Scene, number: int) -> str:
-    """Return one of `VEHICLE_KINDS` for a vehicle of a scene: by its length where it has none."""
+    """Return one of `VEHICLE_KINDS` for a vehicle, by its length if its kind is unknown."""
     kind = UNKNOWN_KIND if isinstance(scene.kinds, UnsetType) else scene.kinds[number]
     if kind != UNKNOWN_KIND:
         return kind

@@ -35,11 +35,11 @@ class StraightRoad(msgspec.Struct, frozen=True):
     """Lanes parallel to x, numbered from the right; y is to the left.
 
     Attributes:
-        starts_x_m: where it begins.
-        ends_x_m: where it ends.
+        starts_x_m: x of its beginning.
+        ends_x_m: x of its end.
         right_edge_y_m: right edge of lane 0.
         lane_0_ends_x_m: where lane 0 ends; None if it goes on.
-        is_known: whether the scenario tells its lanes; otherwise they are made to lie under all
+        is_known: whether the scenario defines its lanes; otherwise they are made to lie under all
             vehicles.
     """
 
@@ -70,7 +70,7 @@ def make_road(scenes: Sequence[Scene], mission: Mission | None) -> StraightRoad:
         mission: lanes of the scenario; None if they are not known.
 
     Raises:
-        InvalidValue: the lanes are not known, and the vehicles are too far beside each other.
+        InvalidValue: the lanes are not known, and the vehicles are spread too far across the road.
     """
     places = [scene.vehicles[..., :2].reshape(-1, 2).astype(np.float64) for scene in scenes]
     lowest = np.nanmin([np.nanmin(each, axis=0) for each in places], axis=0)
@@ -98,12 +98,12 @@ def find_road(recording: EpisodeRecording) -> StraightRoad:
 
 
 def name_vehicle(number: int) -> str:
-    """Return the name of a vehicle by its number in the scene, of which 0 is the ego."""
+    """Return the name of a vehicle by its number in the scene; number 0 is the ego."""
     return f"vehicle_{number}" if number else "ego"
 
 
 def find_height(length_m: float) -> float:
-    """Return the height by which a vehicle is shown, since the world has none. [m]"""
+    """Return the height for drawing a vehicle, since the world does not define heights. [m]"""
     return _TRUCK_HEIGHT_M if length_m > TRUCK_LENGTH_M else _CAR_HEIGHT_M
 
 

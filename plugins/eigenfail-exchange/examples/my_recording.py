@@ -1,6 +1,7 @@
-"""Recorded traffic as a scenario: `truck` is driven by the planner. ../docs/recorded_traffic.md
+"""Recorded traffic as a scenario: `truck` is driven by the planner.
 
 python my_recording.py shows how long the recording stays valid for a planner, without noise.
+See ../docs/recorded_traffic.md.
 """
 
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""The failing region: the ranges of scenario parameters in which the episodes of campaigns fail."""
+"""The failing region: ranges of scenario parameters with a raised failure rate."""

@@ -1,8 +1,8 @@
 """The failing region among a scenario's parameters: the boxes of a small decision tree.
 
-The tree is grown on one half of the episodes (CART: Breiman, Friedman, Olshen and Stone 1984) and
-every figure comes from the other half, so that what the tree took from chance is not counted
-(honest trees: Athey and Imbens 2016, PNAS 113, 7353–7360).
+The tree is grown on one half of the episodes (CART: Breiman, Friedman, Olshen and Stone 1984).
+Every figure comes from the second half, so that chance findings of the tree are not counted (honest
+trees: Athey and Imbens 2016, PNAS 113, 7353–7360).
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ class _Leaf(NamedTuple):
     high: Table
 
     def holds(self, values: Table) -> Flags:
-        """Which rows are inside, shape (n,)."""
+        """Return which rows are inside, shape (n,)."""
         within = (values > self.low) & (values <= self.high)
         inside: Flags = np.logical_and.reduce(within, axis=1)
         return inside
@@ -70,7 +70,7 @@ class _GrownTree(NamedTuple):
     failed: Flags
 
     def fails(self, leaf: _Leaf) -> bool:
-        """Whether episodes in a box fail more often than all of them."""
+        """Return whether episodes in a box fail more often than all episodes."""
         inside = leaf.holds(self.values)
         return bool(inside.any() and self.failed[inside].mean() > self.failed.mean())
 
@@ -83,7 +83,7 @@ def _list_failing_leaves(growth: _GrownTree) -> list[_Leaf]:
 
 
 def _descend(growth: _GrownTree, node: int, span: _Leaf) -> list[_Leaf]:
-    """The failing boxes below a node, or the node's own where all of it fails."""
+    """Return the failing boxes below a node, or the node's own box if all of it fails."""
     found = growth.tree.tree_
     if found.children_left[node] < 0:
         return [span] if growth.fails(span) else []
@@ -148,7 +148,7 @@ class RegionQuestion(NamedTuple):
         campaigns: whose they are.
         scenario: its name.
         names: names of the parameters that took more than one value.
-        values: values of these parameters, shape (episodes, parameters).
+        values: values of the parameters, shape (episodes, parameters).
         failed: shape (episodes,).
         warnings: known reasons to doubt the answer.
         design: how the episodes came about.
@@ -182,7 +182,7 @@ MORE = "Give it more episodes, or vary other parameters, or vary them further."
 
 
 def _find_obstacle(asked: RegionQuestion) -> str:
-    """Why nothing can be tried; empty if it can."""
+    """Return why the region cannot be computed; empty if it can."""
     failures, episodes = int(asked.failed.sum()), len(asked.failed)
     if not asked.names:
         return (
@@ -276,7 +276,7 @@ def _make_region(
 
 
 def _make_box(asked: RegionQuestion, leaf: _Leaf, rows: NDArray[np.intp], all_failures: int) -> Box:
-    """A leaf with its figures, over the rows inside of those to judge by."""
+    """Return a leaf with its figures, from the held-out rows inside it."""
     k = int(asked.failed[rows].sum())
     bounds = _make_bounds(asked.names, leaf, asked.values)
     return Box(

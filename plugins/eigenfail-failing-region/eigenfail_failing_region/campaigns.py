@@ -72,8 +72,9 @@ def find_region(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Re
     """Return the failing region over all episodes of campaigns so far.
 
     Args:
-        store: where they are.
-        ids: ids of campaigns on one scenario: one whose parameters vary, or those of a grid.
+        store: store of the campaigns.
+        ids: ids of campaigns on one scenario: a campaign whose parameters vary, or the campaigns of
+            a grid.
         most: how many episodes are looked at, of all campaigns together.
 
     Raises:
@@ -187,7 +188,8 @@ def make_columns(
     """Return the parameters that took more than one value, and notes on those left out.
 
     Returns:
-        The names, their values in shape (rows, names), and a sentence for each that is no number.
+        The names, their values in shape (rows, names), and a sentence for each parameter that is
+        left out because its values are not numbers.
     """
     names = sorted(set().union(*rows))
     seen = {name: {row.get(name) for row in rows} for name in names}

@@ -21,7 +21,7 @@ class Trials(msgspec.Struct, frozen=True, eq=False):
     """Completed episodes of a campaign, by seed and outcome: all, or every k-th in index order.
 
     Attributes:
-        seeds: seeds from which each drew its parameters, shape (n,).
+        seeds: seed of each episode's parameters, shape (n,).
         failed: whether each of them is a failure, shape (n,).
     """
 

@@ -40,9 +40,9 @@ class Box(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Region(msgspec.Struct, frozen=True, kw_only=True):
-    """The failing region: boxes in which episodes fail more often than elsewhere.
+    """The failing region: boxes whose episodes fail more often than elsewhere.
 
-    They were found on one half of the episodes; every figure is of the other half.
+    They were found on one half of the episodes; every figure comes from the second half.
 
     Attributes:
         parameters: parameters that took more than one value.
@@ -55,7 +55,7 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
         precision: precision of all boxes together.
         p_value: probability of this many failures in the boxes by chance (Fisher's exact test,
             one-sided); None if there are none to test.
-        problem: why there is no region, and what to do; empty otherwise.
+        problem: why the region is missing, and what to do; empty otherwise.
         warnings: limitations of the result.
     """
 

@@ -1,8 +1,8 @@
 """Functions of a user's module that a campaign may name: policies and margins.
 
-A campaign comes from a request, and to import is to run. So the rules are those of functions under
-test (`eigenfail.functions`): the operator lists the modules, and only functions that their author
-has declared are called.
+A campaign comes from a request, and to import is to run. So the same rules apply as to functions
+under test (`eigenfail.functions`): the operator lists the modules, and only functions that their
+authors have declared are called.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ class Declared(Generic[Called]):
     """A function that its author has declared to be a policy or a margin.
 
     Args:
-        function: what is called.
+        function: the function to call.
         kind: "policy" or "margin".
     """
 
@@ -38,10 +38,11 @@ def policy(function: Called) -> Declared[Called]:
 
 
 def margin(function: Called) -> Declared[Called]:
-    """Declare a function `(env, info)` of the distance to a failure, which is one at 0 or less.
+    """Declare a function `(env, info)` that returns the distance to a failure.
 
-    It is called at the start of an episode and after each step, with the environment without
-    wrappers and what `reset` or `step` said of it, and returns a finite number in any unit.
+    The function is called at the start of an episode and after each step. It gets the environment
+    without wrappers, and the `info` that `reset` or `step` returned. It returns a finite number in
+    any unit; 0 or less is a failure.
     """
     return Declared(function, "margin")
 
@@ -51,10 +52,10 @@ def refuse_unlisted(place: str, field: str) -> None:
 
     Args:
         place: as `module:function`.
-        field: where it stood, for the error.
+        field: name of the field, for the error.
 
     Raises:
-        InvalidValue: it is no such place, or the operator has not listed its module.
+        InvalidValue: the place is not of this form, or the operator has not listed its module.
     """
     if not functions.PLACE.fullmatch(place):
         problem = f"'{place}' is not of the form module:function."
@@ -85,7 +86,7 @@ def load_declared(place: str, kind: str, field: str) -> Callable[..., Any]:
     Args:
         place: as `module:function`.
         kind: "policy" or "margin".
-        field: where it stood, for the error.
+        field: name of the field, for the error.
 
     Raises:
         InvalidValue: it is not listed, cannot be imported, does not exist, or is not declared.

@@ -1,4 +1,4 @@
-"""Environments of Gymnasium by what a campaign says of them."""
+"""Environments of Gymnasium, made from the parameters of a campaign."""
 
 import re
 import warnings
@@ -38,10 +38,10 @@ class GymnasiumParameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         arguments: keyword arguments of the environment.
         config: configuration of an environment of highway-env.
         steps: horizon; None: `duration` of highway-env, or the `max_episode_steps` of the id.
-        dt_s: duration of a step in environments other than highway-env's; None: what the
-            environment says of itself, or 1 s.
-        failure_key: an episode fails where it is terminated and this entry of `info` is true;
-            empty: wherever it is terminated.
+        dt_s: duration of a step in environments other than highway-env's; None: the environment's
+            own value, or 1 s.
+        failure_key: an episode fails if it is terminated and this entry of `info` is true; empty:
+            whenever it is terminated.
         margin: `module:function` of a declared margin, in place of `failure_key`.
     """
 
@@ -83,10 +83,10 @@ def _refuse_paths(name: str, given: Mapping[str, Any]) -> None:
 
 
 def make_environment(parameters: GymnasiumParameters) -> Environment:
-    """Return the environment, made anew.
+    """Return a newly made environment.
 
     Raises:
-        UnknownName: there is no such id or key of `config`.
+        UnknownName: the id or a key of `config` does not exist.
         InvalidValue: the package cannot be imported, or the environment refuses its arguments.
     """
     _register(parameters.package)
@@ -124,7 +124,7 @@ def _check_road(env: Environment, parameters: GymnasiumParameters) -> None:
 
     Raises:
         UnknownName: a key of `config` that the environment does not have.
-        InvalidValue: a field has no meaning here, or the environment has several egos.
+        InvalidValue: a field is meaningless here, or the environment has several egos.
     """
     if not is_road(env):
         if parameters.config:

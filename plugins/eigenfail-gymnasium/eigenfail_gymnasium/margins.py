@@ -1,8 +1,8 @@
-"""Environments that are no roads: their margin to a failure is shown as the distance of two things.
+"""Environments that are not roads: their margin to a failure, shown as a distance of two squares.
 
-Measures, methods and pages know distances between footprints. Here the ego is a square of 1 m that
-stands still, and one other square is as many metres in front of it as the margin says. They touch
-at a failure.
+Measures, methods and pages work with distances between footprints. Here the ego is a square of 1 m
+that does not move. One further square is as many metres in front of it as the margin says. They
+touch at a failure.
 """
 
 from collections.abc import Callable
@@ -52,7 +52,7 @@ class MarginStage:
         return self._show(0, False, info)
 
     def describe(self) -> PolicyTask:
-        """Return what a policy is told."""
+        """Return the task that a policy gets."""
         spaces = self._env.observation_space, self._env.action_space
         return PolicyTask(*spaces, self.mission.dt_s, {}, (), {})
 
@@ -65,7 +65,7 @@ class MarginStage:
 
         Raises:
             ValueError: the policy's answer is not an action of the environment.
-            InvalidValue: `info` has no entry of the name `failure_key`.
+            InvalidValue: `info` lacks the entry `failure_key`.
         """
         action = (
             read_action(answer, self._env.action_space) if isinstance(answer, ChosenAction) else 0

@@ -37,7 +37,7 @@ class PolicySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     Attributes:
         function: `module:function` of a declared policy; empty: the rule of the plug-in, unless
             there is a model.
-        model: file of stable-baselines3, by its path below the folder in which workers run.
+        model: file of stable-baselines3, by its path relative to the working folder of workers.
         algorithm: class of stable-baselines3 that wrote the file.
         layers: units of the hidden layers; None: as the file says, or the algorithm's default.
     """
@@ -51,7 +51,7 @@ class PolicySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         """Refuse a policy that may not be loaded here; nothing is imported or read.
 
         Raises:
-            UnknownName: there is no such algorithm.
+            UnknownName: the algorithm is unknown.
             InvalidValue: the module is not listed, the file is elsewhere, or both are named.
         """
         if self.function and self.model:
@@ -120,7 +120,7 @@ def read_model(settings: PolicySettings, task: PolicyTask) -> Policy:
     """Return the policy of a file of stable-baselines3; it is asked for its likeliest action.
 
     Raises:
-        InvalidValue: there is no such file, or its weights do not fit the environment.
+        InvalidValue: the file does not exist, or its weights do not fit the environment.
     """
     # They take seconds to import, which campaigns without a model do not spend.
     import stable_baselines3

@@ -1,8 +1,8 @@
 """Environments of highway-env: the policy observes the road with its perceived vehicles on it.
 
-The vehicles are put where they are perceived, the environment makes its observation, and they are
-put back. So errors are in metres and metres a second whatever the observation is, and however it is
-normalised, clipped or sorted.
+Vehicles are moved to their perceived positions, the environment makes its observation, and the
+vehicles are moved back. So errors are in metres and metres a second whatever the observation is,
+and however it is normalised, clipped or sorted.
 """
 
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ class RoadStage:
         return start
 
     def _brief(self, ego: VehicleState) -> Mission:
-        """Return the lanes beside the ego, as if they were parallel to x."""
+        """Return a mission with the lanes at the ego, as if they were parallel to x."""
         network, index = self._world.road.network, self._world.vehicle.lane_index
         lane, beside = network.get_lane(index), network.all_side_lanes(index)
         limit = float(lane.speed_limit or FAST_MPS)
@@ -90,7 +90,7 @@ class RoadStage:
         road.step = step
 
     def describe(self) -> PolicyTask:
-        """Return what a policy is told; once the environment has made an observation."""
+        """Return the task that a policy gets; needs a first observation of the environment."""
         kind, actions = self._world.observation_type, self._world.action_type
         named = getattr(actions, "actions_indexes", {})
         ranges = getattr(kind, "features_range", None) if getattr(kind, "normalize", False) else {}
@@ -104,13 +104,13 @@ class RoadStage:
         )
 
     def observe(self, perception: Perception) -> Any:
-        """Return the environment's observation of the road as it is perceived."""
+        """Return the environment's observation of the perceived road."""
         with self._perceived(perception):
             return self._world.observation_type.observe()
 
     @contextmanager
     def _perceived(self, perception: Perception) -> Iterator[None]:
-        """Put the vehicles where they are perceived, and back at the end of the block."""
+        """Move, hide and add vehicles as perceived, and undo this at the end of the block."""
         road, ego = self._world.road, self._world.vehicle
         seen = dict(zip(perception.ids, perception.others, strict=True))
         by_number = {self._numbers[id(each)]: each for each in self._list_others()}
@@ -169,7 +169,7 @@ class RoadStage:
         return Control(change_mps / self._dt_s, float(self._world.vehicle.action["steering"]))
 
     def _find_idle(self) -> Any:
-        """Return an action that leaves the ego's lane as it is."""
+        """Return an action that does not change the ego's lane."""
         idle = self.describe().actions.get("IDLE")
         return np.zeros(self._env.action_space.shape or (), np.float32) if idle is None else idle
 
@@ -207,7 +207,7 @@ class RoadStage:
 
 
 def _observe_nothing() -> None:
-    """Stand in for an observation that nobody sees."""
+    """Replace the environment's observation, which is not used."""
 
 
 def _read_state(vehicle: Any) -> VehicleState:
@@ -218,7 +218,7 @@ def _read_state(vehicle: Any) -> VehicleState:
 
 
 def _place(vehicle: Any, state: VehicleState) -> None:
-    """Put a vehicle where it is perceived; its lane stays, as do the plans of its driver."""
+    """Move a vehicle to its perceived state; its lane stays, as do the plans of its driver."""
     # Exactly the truth for what is perceived without an error.
     vehicle.position = np.array([state.x_m, state.y_m])
     vehicle.heading, vehicle.speed = state.heading_rad, state.speed_mps

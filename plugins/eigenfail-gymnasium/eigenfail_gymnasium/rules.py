@@ -27,7 +27,8 @@ def read_vehicles(task: PolicyTask, observation: NDArray[Any]) -> dict[str, NDAr
 
     Returns:
         For each feature an array of shape (vehicles,): x and y in m, vx and vy in m/s. Rows of
-        others hold what is relative to the ego, unless the environment is configured otherwise.
+        other vehicles hold values relative to the ego, unless the environment is configured
+        otherwise.
 
     Raises:
         ValueError: it is another observation.
@@ -46,9 +47,8 @@ def read_vehicles(task: PolicyTask, observation: NDArray[Any]) -> dict[str, NDAr
 def keep_gap(task: PolicyTask) -> Callable[[NDArray[Any]], int]:
     """Drive by the Intelligent Driver Model, with highway-env's actions along the lane.
 
-    The acceleration is that of Treiber, Hennecke and Helbing (2000, Physical Review E 62, 1805),
-    eq. 3, towards the vehicle ahead in the ego's lane or the next that asks for the hardest
-    braking.
+    The acceleration follows eq. 3 of Treiber, Hennecke and Helbing (2000, Physical Review E 62,
+    1805). The vehicle ahead, in the ego's lane or the next, that needs the hardest braking decides.
     """
     actions = task.actions
 

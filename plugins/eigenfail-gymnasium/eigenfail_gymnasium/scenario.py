@@ -23,10 +23,10 @@ class StagedEnvironment:
     """An environment at its start. Implements `Situation`; only its own simulator moves it.
 
     Attributes:
-        mission: lanes beside the ego, as if they were parallel to x.
+        mission: lanes at the ego, as if they were parallel to x.
         steps: horizon of an episode.
         ego: initial state of the ego.
-        actors: initial states of the other vehicles.
+        actors: initial states of all vehicles except the ego.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class GymnasiumScenario:
         """Return an environment at its start.
 
         Raises:
-            UnknownName: there is no such environment or key of `config`.
+            UnknownName: the environment or a key of `config` does not exist.
             InvalidValue: the environment cannot be made.
         """
         stage, steps = open_stage(parameters)
@@ -65,10 +65,10 @@ class GymnasiumScenario:
 
 
 def open_stage(parameters: GymnasiumParameters) -> tuple[Stage, int]:
-    """Return the environment, made anew, and its horizon.
+    """Return a newly made environment, and its horizon.
 
     Raises:
-        UnknownName: there is no such environment or key of `config`.
+        UnknownName: the environment or a key of `config` does not exist.
         InvalidValue: the environment cannot be made.
     """
     env = make_environment(parameters)

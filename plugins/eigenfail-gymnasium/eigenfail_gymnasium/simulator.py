@@ -51,8 +51,10 @@ class GymnasiumSimulator:
         """Return a simulation of the planner, a policy or any other, in the environment.
 
         Raises:
-            UnknownName: there is no such environment, key of `config` or number.
-            InvalidValue: the environment cannot be made, or has no vehicles to be perceived.
+            UnknownName: the environment, a key of `config` or a number of the observation does not
+                exist.
+            InvalidValue: the scenario is not `gymnasium`, the environment cannot be made, or it
+                lacks vehicles or an array of numbers to disturb.
         """
         if not isinstance(parameters, GymnasiumParameters):
             problem = "the simulator 'gymnasium' stages no other scenario than its own."
@@ -64,7 +66,7 @@ class GymnasiumSimulator:
 
 
 class ObservationErrors:
-    """Splits a disturbance into the errors of vehicles and those of numbers of an observation.
+    """Splits a disturbance into errors of vehicles and errors of numbers of an observation.
 
     Args:
         channels: channels of a disturbance, in order.
@@ -87,8 +89,8 @@ class ObservationErrors:
         """Check that an environment has what the channels disturb.
 
         Raises:
-            UnknownName: its observation has no such number.
-            InvalidValue: it has no vehicles, or its observation no numbers.
+            UnknownName: its observation lacks a number.
+            InvalidValue: it lacks vehicles, or its observation is not an array of numbers.
         """
         if not stage.takes_controls and (self._vehicles or self._occlusion):
             problem = "there are no vehicles in this environment, whose position could be wrong."

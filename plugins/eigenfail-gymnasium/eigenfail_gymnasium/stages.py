@@ -1,4 +1,4 @@
-"""What stages an episode: an environment behind the simulator."""
+"""Stages of episodes: the environments behind the simulator."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
@@ -30,7 +30,7 @@ class PolicyTask(NamedTuple):
 
 
 class ChosenAction:
-    """Where a policy leaves its action, as a control is not an action of an environment."""
+    """Holds the action of a policy, since a control is not an action of an environment."""
 
     action: Any = None
 
@@ -41,8 +41,8 @@ class ObservedPerception(Perception, frozen=True, kw_only=True):
     Attributes:
         observation: what the environment shows of the perceived world, with the errors of
             channels `observation.N`.
-        task: what the policy is told.
-        decision: where the policy leaves its action.
+        task: task that the policy gets.
+        decision: receives the action of the policy.
     """
 
     observation: Any
@@ -66,7 +66,7 @@ class Stage(Protocol):
     """An environment, as the simulator stages it.
 
     Attributes:
-        mission: briefing of planners that are no policies.
+        mission: briefing of planners other than policies.
         takes_controls: whether a `Control` can drive the ego.
     """
 
@@ -77,10 +77,10 @@ class Stage(Protocol):
         """Begin an episode, and return its start."""
 
     def observe(self, perception: Perception) -> Any:
-        """Return what the environment shows of the world as it is perceived."""
+        """Return the environment's observation of the perceived world."""
 
     def describe(self) -> PolicyTask:
-        """Return what a policy is told."""
+        """Return the task that a policy gets."""
 
     def advance(self, before: Observation, answer: Control | ChosenAction) -> Advance:
         """Do one step."""

@@ -89,7 +89,7 @@ class ModelCheck(msgspec.Struct, frozen=True):
     """A property that z has under the model, as the log has it.
 
     Attributes:
-        name: what is checked.
+        name: property that is checked.
         value: value in the log.
         interval: its interval; all of them hold together with probability 1 − `FAMILY_ERROR`.
         expected: value under the model.
@@ -110,11 +110,10 @@ class _Property(NamedTuple):
 
     Attributes:
         name: name of the check.
-        values: a value of each record, whose mean is asked for, shape (n,); NaN if there is
-            none.
+        values: a value of each record, shape (n,), whose mean is checked; NaN if there is none.
         expected: their mean under the model, or the mean of each one, shape (n,).
         block: number of the block of each record, shape (n,).
-        remedy: what to do if it is another one.
+        remedy: what to do if the mean differs.
         is_share: whether the values are 0 and 1.
     """
 
@@ -211,7 +210,7 @@ SEE_CAUSE = "Mend what the first checks name, then fit again."
 
 
 def _list_causes(log: SensorLog, errors: ErrorSeries, z: jackknife.Array) -> Iterator[ModelCheck]:
-    """Yield failed checks of what makes errors look heavy-tailed, with the cause."""
+    """Yield failed checks for causes that make errors look heavy-tailed."""
     for column, name in enumerate(errors.channels):
         own, place = errors.error[:, column], log.channels.index(name)
         sides = {"reported": log.seen[errors.row, place], "true": log.true[errors.row, place]}
@@ -240,7 +239,7 @@ def _make_cause(name: str, cases: int, count: int, expected: float, remedy: str)
 
 
 def _is_conspicuous(cases: int, beside: int, count: int) -> bool:
-    """Return whether cases are more than as many values beside them let expect."""
+    """Return whether there are more cases than the number of neighbouring values explains."""
     least = max(LEAST_CASES, LEAST_SHARE * count)
     return cases >= least and cases > MOST_EXPECTED * (beside + 1)
 
@@ -271,7 +270,7 @@ def _find_turns(error: jackknife.Array) -> tuple[list[ModelCheck], Booleans]:
 
 
 def _list_units(log: SensorLog, errors: ErrorSeries) -> list[ModelCheck]:
-    """Return failed checks of headings that are in degrees, by what the log has beside them."""
+    """Return failed checks of headings in degrees, which contradict other columns of the log."""
     place = log.channels.index("heading")
     true, seen = log.true[errors.row, place], log.seen[errors.row, place]
     found = []
@@ -310,8 +309,8 @@ def _find_directions(
 ) -> tuple[jackknife.Array, jackknife.Array, float, str]:
     """Return the directions of motion and the mean headings over `WINDOW_S`, each of shape (n,).
 
-    Also the ratio of their changes from which headings are in degrees, and what the directions are.
-    Both are NaN if the log has a gap.
+    Also return the ratio of changes above which headings count as degrees, and a name of the
+    directions. Directions and mean headings are NaN at gaps of the log.
     """
     across_m, step = log.true[errors.row, 1], log.step[errors.row]
     lag = max(round(WINDOW_S / log.step_s), 1)
@@ -337,7 +336,7 @@ def _find_directions(
 
 
 def _average(values: jackknife.Array, errors: ErrorSeries) -> jackknife.Array:
-    """Return the mean of each track, shape (tracks,); 0 if there are no values."""
+    """Return the mean of each track, shape (tracks,); 0 for a track without values."""
     known = np.isfinite(values)
     counts = np.bincount(errors.track[known], minlength=errors.tracks)
     sums = np.bincount(errors.track[known], values[known], errors.tracks)
@@ -363,7 +362,7 @@ def _find_slope(
 
 
 def _list_unrelated(error: jackknife.Array, is_named: Booleans) -> Iterator[ModelCheck]:
-    """Yield the share of headings that are no headings, beside those with another cause."""
+    """Yield a failed check if many large errors of headings lack a known cause."""
     large = int(((np.abs(error) > LARGE_TURN_RAD) & ~is_named).sum())
     if large > MOST_LARGE_TURNS * len(error):
         yield _make_cause(
@@ -400,7 +399,7 @@ def _list_ranges(sides: Mapping[str, jackknife.Array]) -> list[ModelCheck]:
 
 
 def _list_zeros(name: str, error: jackknife.Array) -> Iterator[ModelCheck]:
-    """Yield the share of errors that are exactly 0, beyond what rounded values let expect."""
+    """Yield a failed check if more errors are exactly 0 than rounding explains."""
     size = np.abs(error)
     is_zero = size < EXACT
     if is_zero.all() or not is_zero.any():
@@ -437,7 +436,7 @@ def _list_sentinels(
 
     Args:
         name: name of the channel.
-        sides: reported and true values, each of shape (n,), by what they are.
+        sides: reported and true values, each of shape (n,), by name.
         error: reported less true values, shape (n,).
         track: number of the track of each, shape (n,).
         is_turned: which errors have another cause, shape (n,).
@@ -529,9 +528,9 @@ def _list_uneven_tracks(
 ) -> Iterator[ModelCheck]:
     """Yield the variance of mean z² between tracks, if it is larger than the model's.
 
-    Of n standard normal values the mean square has the variance 2 / n. The sum over tracks of
-    n (mean − 1)² / 2 is taken as a gamma variable with the mean and variance that it has: each has
-    the mean 1 and the variance 2 + 12 / n.
+    The mean square of n standard normal values has the variance 2 / n. The sum over tracks of n
+    (mean − 1)² / 2 is approximated by a gamma variable with the same mean and variance. Each
+    summand has the mean 1 and the variance 2 + 12 / n.
     """
     edges = np.quantile(errors.distance_m[:, column], np.linspace(0.0, 1.0, BINS + 1)[1:-1])
     part = np.searchsorted(edges, errors.distance_m[:, column])
@@ -690,7 +689,7 @@ def shift(values: jackknife.Array, errors: ErrorSeries, lag: int) -> jackknife.A
 
 
 def _standardise(values: jackknife.Array) -> jackknife.Array:
-    """Return values less their mean, by their standard deviation; NaN if all are equal."""
+    """Return values less their mean, by their standard deviation; NaN if they do not differ."""
     spread = float(np.nanstd(values)) if np.isfinite(values).any() else 0.0
     if spread == 0.0:
         return np.full(len(values), nan)

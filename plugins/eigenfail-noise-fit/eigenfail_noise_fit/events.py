@@ -1,7 +1,8 @@
 """Fits of events, misses and ghosts, as Markov chains of two states.
 
-The likelihood is that of each step given the one before. The first step of a track says nothing: a
-track that begins where the sensor first sees the vehicle begins with a measurement by definition.
+The likelihood is the probability of each step given the previous step. The first step of a track
+does not count: if a track begins when the sensor first sees the vehicle, the track begins with a
+measurement by definition.
 """
 
 from collections.abc import Sequence
@@ -59,7 +60,7 @@ class ChainFit(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def shape(self) -> Markov:
-        """The shape of the channel with these parameters."""
+        """The channel's shape with the fitted parameters."""
         rate, ends, *growth = self.best.tolist()
         duration = 1.0 / ends
         return Markov(rate, duration, *growth)
@@ -79,7 +80,7 @@ def fit_chains(name: str, steps: EventSteps, *, by_distance: bool) -> list[Chain
 
     Raises:
         InvalidValue: no event begins or ends within a block, so that its rate or its duration
-            cannot be told.
+            cannot be estimated.
     """
     _refuse_endless(name, steps)
     kinds = (CONSTANT, GROWING) if by_distance else (CONSTANT,)
@@ -206,8 +207,8 @@ class MissBand(msgspec.Struct, frozen=True):
         distance_m: smallest and largest distance. [m]
         steps: number of steps.
         share: share of the steps at which the vehicle was missed.
-        interval: its 95 % interval, by the jackknife over tracks and at least that of independent
-            steps.
+        interval: its 95 % interval by the jackknife over tracks, at least as wide as for
+            independent steps.
         begun: number of runs that began there.
         mean_steps: mean duration of misses, steps missed by runs that ended; None if none did.
     """

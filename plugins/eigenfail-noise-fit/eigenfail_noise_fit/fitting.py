@@ -1,7 +1,7 @@
 """Fits of the errors of channels to a log, one for each shape of the noise.
 
-Position errors that are all that a log has share the kind of their shape, as those of
-`DisturbanceModel` do; otherwise each channel has a shape of its own.
+If a log has only position errors, both axes share one kind of shape, as in `DisturbanceModel`;
+otherwise each channel has its own shape.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,7 +45,7 @@ class Candidate(NamedTuple):
 
     Attributes:
         kind: its name.
-        own: names, bounds and start of its own parameters, for some channels.
+        own: names, bounds and start of the shape's own parameters, for some channels.
         find_density: log density of each measurement's u, shape (n,), from the errors, the
             standardised errors u, shape (n, channels), and the shape's own parameters.
         find_z: z of each measurement, shape (n, channels), from the same.
@@ -78,7 +78,7 @@ def find_white_density(
 def find_correlated_z(
     errors: ErrorSeries, u: jackknife.Array, phi: jackknife.Array
 ) -> jackknife.Array:
-    """z_t = (u_t − phi · u_{t−1}) / sqrt(1 − phi²); u_t where the step before was missed."""
+    """z_t = (u_t − phi · u_{t−1}) / sqrt(1 − phi²); u_t if the previous step was missed."""
     expected = np.where(errors.follows[:, None], phi * np.roll(u, 1, axis=0), 0.0)
     z: jackknife.Array = (u - expected) / _find_new_spread(errors, phi)
     return z
@@ -87,7 +87,7 @@ def find_correlated_z(
 def find_correlated_density(
     errors: ErrorSeries, u: jackknife.Array, phi: jackknife.Array
 ) -> jackknife.Array:
-    """Log N(u_t; phi · u_{t−1}, 1 − phi²); log N(u_t; 0, 1) where the step before was missed."""
+    """Log N(u_t; phi · u_{t−1}, 1 − phi²); log N(u_t; 0, 1) if the previous step was missed."""
     spread = np.log(_find_new_spread(errors, phi)).sum(axis=1)
     density: jackknife.Array = _log_normal_density(find_correlated_z(errors, u, phi)) - spread
     return density
@@ -193,14 +193,14 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def model(self) -> DisturbanceModel:
-        """The disturbance model of a position with these parameters."""
+        """The disturbance model of a position with the fitted parameters."""
         shape = self.candidate.make_joint_shape(*self._own.tolist())
         along, along_base, across, across_base = self.best[:4].tolist()
         return DisturbanceModel(along, along_base, across, across_base, shape=shape)
 
     @property
     def channel(self) -> Channel:
-        """The only channel with these parameters."""
+        """The only channel with the fitted parameters."""
         (name,), (slope, base) = self.channels, self.best[:2].tolist()
         return Channel(name, base, slope, self.candidate.make_shape(*self._own.tolist()))
 
@@ -209,7 +209,7 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
         return self.best[2 * len(self.channels) :]
 
     def find_z(self, errors: ErrorSeries) -> jackknife.Array:
-        """Return what the model makes of the errors, (n, channels): standard normal if it holds."""
+        """Return z of the errors, shape (n, channels): standard normal if the model holds."""
         u = errors.error / compute_sigma(errors, self.best)
         return self.candidate.find_z(errors, u, self._own)
 
@@ -227,7 +227,8 @@ def fit_shapes(errors: ErrorSeries) -> list[Fit]:
 def choose_fit(fits: Sequence[Fit]) -> Fit:
     """Return the fit with the largest density on tracks that were held out.
 
-    White noise, the simplest, unless the interval of another one's gain over it is above 0.
+    This is white noise, the simplest fit, unless another fit has a gain over white noise with an
+    interval above 0.
     """
     better = [fit for fit in fits if fit.score.is_better]
     return max(better, key=lambda fit: fit.score.held_out, default=fits[0])

@@ -1,8 +1,8 @@
 """Maximum likelihood, cross-validation and the jackknife over the blocks of a log.
 
-What one block holds depends on itself in ways that no model holds whole; blocks do not depend on
-each other. So intervals come from the differences between blocks, and candidates are compared on
-blocks that they were not fitted to. Blocks are tracks, or stretches of time.
+Records within a block depend on each other in ways that no model describes fully; blocks do not
+depend on each other. So intervals come from the differences between blocks, and candidates are
+compared on blocks that they were not fitted to. Blocks are tracks, or stretches of time.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,10 +48,11 @@ class FreeParameter(NamedTuple):
     Attributes:
         name: its name in the model.
         bounds: smallest and largest value.
-        start: where the search for it begins.
-        unit: what the search divides it by, so that all are of one order of magnitude.
+        start: start value of the search.
+        unit: divisor of the parameter in the search, so that all parameters have one order of
+            magnitude.
         is_scale: whether its logarithm is nearer to normal than itself.
-        is_inverse: whether the model has the inverse of what is fitted.
+        is_inverse: whether the model has the inverse of the fitted value.
         least_scale: see `DIFFERENCE`.
     """
 
@@ -68,11 +69,11 @@ class Likelihood(NamedTuple):
     """The likelihood that a fit maximizes.
 
     Attributes:
-        parameters: what is fitted.
+        parameters: the fitted parameters.
         compute_density: log density of each record, shape (n,), from the parameters.
         block: number of the block of each record, shape (n,).
         blocks: number of blocks.
-        undetermined: what is wrong with a log, and what to do, where the likelihood is flat.
+        undetermined: problem of the log, and remedy, for the error if the likelihood is flat.
     """
 
     parameters: tuple[FreeParameter, ...]
@@ -95,9 +96,9 @@ class Parameter(msgspec.Struct, frozen=True):
 
 
 def list_bounded(likelihood: Likelihood, best: Array) -> list[str]:
-    """Return which parameters lie on a bound of what is searched, with that bound.
+    """Return the parameters that lie on a bound of the search, with this bound.
 
-    A bound of 0 is left out: a model may well have no slope, or no correlation.
+    Bounds of 0 are left out: a model may well have a slope or a correlation of 0.
     """
     bounded = []
     for free, value in zip(likelihood.parameters, best.tolist(), strict=True):
@@ -112,7 +113,7 @@ def maximize_likelihood(likelihood: Likelihood, held_out: Array | None = None) -
     """Return the parameters of largest likelihood.
 
     Args:
-        likelihood: what is maximized.
+        likelihood: the likelihood to maximize.
         held_out: records that do not count, shape (n,).
     """
     counted = np.ones(len(likelihood.block)) if held_out is None else np.where(held_out, 0.0, 1.0)
@@ -136,7 +137,7 @@ def maximize_likelihood(likelihood: Likelihood, held_out: Array | None = None) -
 
 
 def cross_validate(likelihood: Likelihood) -> Array:
-    """Return log densities summed over each block, by fits to the blocks of the other folds."""
+    """Return log densities summed over each block, from fits to the blocks of all other folds."""
     score = np.zeros(likelihood.blocks)
     fold = np.arange(likelihood.blocks) % FOLDS
     for held in range(FOLDS):
@@ -193,8 +194,8 @@ def _differentiate(likelihood: Likelihood, at: Array) -> tuple[Array, Array]:
     """Return slopes and curvatures of each block's log likelihood, by central differences.
 
     Args:
-        likelihood: what is differentiated.
-        at: parameters; where they lie on a bound, the derivatives are those just inside.
+        likelihood: the likelihood to differentiate.
+        at: parameters; on a bound, the derivatives are taken just inside it.
 
     Returns:
         Shapes (blocks, parameters) and (blocks, parameters, parameters).
@@ -233,7 +234,8 @@ class ShapeScore(msgspec.Struct, frozen=True):
 
     Attributes:
         held_out: log density of a record, mean over the log.
-        gain: the same less that of the simplest candidate, with its interval; None for that one.
+        gain: `held_out` less its value for the simplest candidate, with the interval of the
+            difference; None for the simplest candidate.
     """
 
     held_out: float
@@ -241,7 +243,7 @@ class ShapeScore(msgspec.Struct, frozen=True):
 
     @property
     def is_better(self) -> bool:
-        """Whether the interval of the gain is above 0, by more than rounding errors."""
+        """True if the interval of the gain is above 0, by more than rounding errors."""
         return self.gain is not None and self.gain[1].low > LEAST_GAIN
 
 
@@ -267,7 +269,7 @@ def find_ratio_interval(
     Args:
         sums: sum of the values of each block, shape (blocks,).
         counts: number of values of each block, shape (blocks,); those without any do not count.
-        confidence: probability with which the interval holds the mean.
+        confidence: probability that the interval holds the mean.
     """
     sums, counts = sums[counts > 0.0], counts[counts > 0.0]
     blocks = len(sums)
@@ -281,7 +283,7 @@ def find_ratio_interval(
 def widen_share(interval: Interval, k: int, n: int, confidence: float = CONFIDENCE) -> Interval:
     """Return an interval with the exact one of k of n independent cases (Clopper and Pearson 1934).
 
-    The jackknife alone has no width where no case occurred.
+    The interval of the jackknife alone has zero width if no case occurred.
     """
     error = 0.5 * (1.0 - confidence)
     low = float(stats.beta.ppf(error, k, n - k + 1)) if k else 0.0

@@ -31,16 +31,17 @@ MOST_DEGREES = 360.5
 
 
 def read_log(file: Path, step_s: float) -> sensor_log.SensorLog:
-    """Read a log of CSV, or of Parquet where pyarrow is installed.
+    """Read a log of CSV, or of Parquet if pyarrow is installed.
 
     Args:
         file: table with the columns `COLUMNS`, and any pairs of columns of `MEASURED`.
-        step_s: time between two measurements, which is that between two steps of a scenario. [s]
+        step_s: time between two measurements, equal to the time between two steps of a scenario.
+            [s]
 
     Raises:
-        InvalidValue: the file cannot be read, lacks a column, holds a value that is no number, has
-            too few tracks, times that are not a whole number of steps apart, distances that do
-            not differ, or headings beyond a turn.
+        InvalidValue: the file cannot be read, lacks a column, or holds a value that is not a
+            number. Also if it has too few tracks, times that are not a whole number of steps apart,
+            distances that do not differ, or headings beyond a turn.
     """
     table = read_table(file, COLUMNS)
     quantities = _find_quantities(table.numbers, file.name)
@@ -63,10 +64,10 @@ def read_log(file: Path, step_s: float) -> sensor_log.SensorLog:
 def _refuse_partial(
     where: str, time_s: float, positions: tuple[float, ...], others: Mapping[str, float]
 ) -> None:
-    """Refuse a row without a time, or with values where the sensor missed the vehicle.
+    """Refuse a row without a time, with half a position, or with values of a missed vehicle.
 
     Raises:
-        InvalidValue: it is such a row.
+        InvalidValue: the row is such a row.
     """
     for one in (sensor_log.TRUE, sensor_log.SEEN):
         if isnan(positions[one][0]) != isnan(positions[one][1]):
@@ -87,7 +88,7 @@ def _refuse_partial(
 
 
 def _refuse_degrees(table: DataTable, name: str) -> None:
-    """Refuse headings that are no directions in radians.
+    """Refuse headings too large to be directions in radians.
 
     Raises:
         InvalidValue: one is beyond a turn.
@@ -109,7 +110,7 @@ def _find_quantities(given: Mapping[str, object], name: str) -> tuple[str, ...]:
     """Return the quantities that a table has besides the position.
 
     Raises:
-        InvalidValue: it lacks the other column of a pair.
+        InvalidValue: it has only one column of a pair.
     """
     for true, seen in PAIRS.values():
         if (true in given) != (seen in given):

@@ -50,7 +50,7 @@ class Picture(NamedTuple):
 
 
 def draw_fit(fitted: FittedLog) -> Iterator[Picture]:
-    """Yield a picture of each channel: what the log has, and what the model expects."""
+    """Yield a picture of each channel: the log against the expectation of the model."""
     for fit in fitted.fits:
         errors = fitted.log.select(*fit.channels)
         z = fit.find_z(errors)
@@ -190,7 +190,7 @@ def _find_share(shape: Markov, distance_m: Array) -> Array:
 def draw_model(model: DisturbanceModel) -> Iterator[Picture]:
     """Yield a picture of each channel: how large its errors are by distance, and some courses.
 
-    What is drawn once an episode has none.
+    Channels that are drawn once an episode do not get a picture.
     """
     for channel in model.list_channels():
         target, quantity = split_name(channel.name)

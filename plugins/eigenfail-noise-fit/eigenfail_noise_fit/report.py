@@ -1,4 +1,4 @@
-"""What `noise fit` found of a log: the model, what speaks for it, and what it leaves out."""
+"""Result of `noise fit`: the model, evidence for it, and parts of the log that it leaves out."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -74,7 +74,7 @@ class CandidateScore(msgspec.Struct, frozen=True):
 
 
 class FitReport(msgspec.Struct, frozen=True):
-    """What `noise fit` found: the model, what speaks for it, and what it leaves out.
+    """Result of `noise fit`: the model, evidence for it, and parts of the log that it leaves out.
 
     Attributes:
         bands: how often vehicles were missed by distance; absent if none was missed.
@@ -109,7 +109,7 @@ class FittedLog(NamedTuple):
 
 
 def fit_log(log: SensorLog) -> tuple[FittedLog, FitReport]:
-    """Fit a model to a log: of the position where it has nothing else, or of channels.
+    """Fit a model to a log: of the position if the log has nothing else, otherwise of channels.
 
     Raises:
         InvalidValue: the log does not determine all parameters.
@@ -332,7 +332,7 @@ def _format_entry(name: str, value: object) -> str:
 
 
 def _round_fields(fields: dict[str, Any]) -> dict[str, Any]:
-    """Return fields, and those of inner tables, with six significant digits."""
+    """Return fields, including fields of inner tables, with six significant digits."""
     return {
         name: _round_fields(value) if isinstance(value, dict) else _round_number(value)
         for name, value in fields.items()

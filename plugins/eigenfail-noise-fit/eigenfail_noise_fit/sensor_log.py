@@ -50,7 +50,7 @@ class Row(NamedTuple):
 
     Attributes:
         positions: dx, dy, seen dx, seen dy. [m]
-        others: true and reported value of each further quantity, one after the other.
+        others: true and reported value of each further quantity, in turn.
     """
 
     track: str
@@ -109,7 +109,7 @@ class Ghosts(msgspec.Struct, frozen=True, eq=False):
         measurements: their number.
         first: dx and dy where each ghost ahead was first seen, shape (ghosts, 2). [m]
         behind: number of ghosts that were first seen next to or behind the ego's centre.
-        apart: number of measurements at times at which the log has no vehicle.
+        apart: number of measurements at times without a vehicle in the log.
         steps: whether a ghost ahead was seen, at the times at which the log has a vehicle; None
             if it was at none of them.
     """
@@ -154,12 +154,12 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def is_missed(self) -> Booleans:
-        """Whether the sensor missed the vehicle, shape (n,)."""
+        """Flags of steps at which the sensor missed the vehicle, shape (n,)."""
         return np.isnan(self.error[:, 0])
 
     @property
     def has_events(self) -> bool:
-        """Whether a vehicle was missed, or a ghost seen."""
+        """True if a vehicle was missed, or a ghost seen."""
         return bool(self.is_missed.any()) or self.ghosts.measurements > 0
 
     def select(self, *channels: str) -> ErrorSeries:
@@ -245,7 +245,7 @@ def make_log(
 
 
 def _group_by_track(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of vehicles by track, those of each track in order of time.
+    """Return the rows of vehicles by track, each track in order of time.
 
     Raises:
         InvalidValue: too few tracks contain measurements of a vehicle.
@@ -269,7 +269,7 @@ def _group_by_track(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _count_steps(name: str, time_s: Array, step_s: float) -> Integers:
-    """Return the number of each measurement's step, from that of the first.
+    """Return the number of each measurement's step, counted from the first measurement.
 
     Raises:
         InvalidValue: two measurements at one step, or one between two steps.
@@ -335,8 +335,8 @@ def _find_ghosts(rows: Sequence[Row], step_s: float) -> Ghosts:
     """Return the measurements without a vehicle.
 
     Raises:
-        InvalidValue: all tracks of vehicles begin at the same time, so that they have no common
-            clock.
+        InvalidValue: there are ghosts, and all tracks of vehicles begin at the same time, so that
+            they do not share a clock.
     """
     ghosts = [row for row in rows if isnan(row.positions[0]) and not isnan(row.positions[2])]
     first: dict[str, Row] = {}
@@ -384,7 +384,7 @@ def _find_step(time_s: float, step_s: float) -> int:
 
 
 def _refuse_uninformative(log: SensorLog) -> None:
-    """Refuse a log from which a parameter cannot be estimated.
+    """Refuse a log that does not determine a parameter.
 
     Raises:
         InvalidValue: few measurements are one step apart, or the distances or the errors of a

@@ -1,8 +1,8 @@
 """Import of the perception noise of TIER IV's scenario_simulator_v2 from a ROS 2 parameter file.
 
-The meaning of its parameters is that of docs/developer_guide/Parameters.md in
-https://github.com/tier4/scenario_simulator_v2: sigma and rates are steps over the distance in an
-ellipse around the ego, errors are autoregressive, and detection is a Markov chain.
+Its parameters are explained in docs/developer_guide/Parameters.md of
+https://github.com/tier4/scenario_simulator_v2. Sigma and rates are step functions of the distance
+in an ellipse around the ego, errors are autoregressive, and detection is a Markov chain.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -176,10 +176,10 @@ def import_noise(file: Path, step_s: float, farthest_m: float, config: str | Non
         file: ROS 2 parameter file.
         step_s: time step of the scenarios. [s]
         farthest_m: distance up to which lines are fitted to steps. [m]
-        config: name of the noise configuration, of those that versions 3 and 4 may have several of.
+        config: name of the noise configuration; files of versions 3 and 4 may have several.
 
     Raises:
-        UnknownName: there is no such configuration.
+        UnknownName: the configuration does not exist.
         InvalidValue: the file cannot be read, describes no noise, or holds a value outside its
             bounds.
     """
@@ -227,10 +227,10 @@ def _is_other(name: object, version: int) -> bool:
 
 
 def _list_unknown(table: Table, known: Table, where: str) -> Iterator[str]:
-    """Yield what is not read of a table and its inner tables.
+    """Yield the keys of a table and its inner tables that are not read.
 
     Raises:
-        UnknownName: a key is nearly that of a parameter that the table does not have.
+        UnknownName: a key resembles a known parameter that the table lacks.
     """
     for name, inner in table.items():
         place = f"{where}.{name}".strip(".")
@@ -330,7 +330,7 @@ def _choose_config(table: Table, where: str, config: str | None) -> str:
 
 
 def _list_other(topic: Table, version: int) -> Iterator[str]:
-    """Yield what a channel cannot be of the parameters outside the noise."""
+    """Yield the parameters outside the noise that channels cannot express."""
     if not topic.get("override_legacy_configuration", False):
         values = "delay, range and occlusionless"
         yield (

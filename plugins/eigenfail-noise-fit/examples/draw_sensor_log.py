@@ -1,8 +1,8 @@
 """Write the log of a made-up sensor, for `eigenfail noise fit`: draw_sensor_log.py FILE [SEED].
 
-Its errors of position and speed are larger far away, those of position correlated in time. Vehicles
-are missed for some steps in a row, far ones more often, and sometimes a vehicle is seen that is not
-there.
+Errors of position and speed grow with the distance; errors of position are also correlated in time.
+Vehicles are missed for some steps in a row, far ones more often, and sometimes a vehicle is seen
+that is not there.
 """
 
 import csv

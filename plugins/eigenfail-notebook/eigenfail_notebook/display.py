@@ -2,7 +2,7 @@
 
 The core finds `to_html` by its entry point.
 
-Everything is escaped; there is no script and no style, so that those of the notebook apply.
+Everything is escaped; scripts and styles are left out, so that the notebook's own styles apply.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,11 +1,11 @@
 """Values as tables for programs: rows, columns with their types, data frames and arrays.
 
-A list, or any sequence of values, has a row for each; a course its blocks, safety its failures, an
-analysis a row for each failure with its mode and scores, a comparison its two sides, a cost its
-curve, noise its steps, a suite its members with what sets them apart and what they found. Tables
-for people are those of `eigenfail.presentation`.
+A list, or any sequence of values, has a row for each; a course has a row for each block, and safety
+for each failure. An analysis has a row for each failure, with its mode and scores. A comparison has
+its two sides, a cost its curve, and noise its steps. A suite has its members, with their
+differences and results. Tables for people come from `eigenfail.presentation`.
 
-pandas and pyarrow are imported where they are used: a cell that shows a value needs neither.
+pandas and pyarrow are imported inside functions: a cell that shows a value needs neither.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -50,7 +50,7 @@ def records(value: object) -> Iterator[Record]:
     """The rows of a value's table.
 
     Raises:
-        InvalidValue: there is no table in it.
+        InvalidValue: the value cannot be shown as a table.
     """
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
         return (flatten(row) for row in value if row is not None)
@@ -99,7 +99,7 @@ def _(value: AnalysisResult) -> Iterator[Record]:
 def number_channels(count: int) -> tuple[str, ...]:
     """Return names of a number of channels whose own names are not known.
 
-    Two channels have the names of those that there always were.
+    Two channels get the names of the axes of a position.
     """
     return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
 
@@ -137,7 +137,7 @@ def result_of(analysis: Analysis) -> AnalysisResult:
     """The findings of an analysis.
 
     Raises:
-        InvalidValue: nothing yet, or it failed.
+        InvalidValue: the analysis has not finished, or failed.
     """
     if analysis.result is None:
         why = analysis.problem or f"analysis {analysis.id} is {analysis.state}."
@@ -209,7 +209,7 @@ _TYPES = (
 def find_columns(value: object) -> Columns:
     """Return the columns of the table of a value that do not depend on its data.
 
-    A sequence has those of its rows if all of them are of one type.
+    A sequence has the columns of its rows if all rows are of one type.
     """
     if isinstance(value, Sequence):
         kinds: set[Any] = {type(row) for row in value if row is not None}
@@ -307,7 +307,7 @@ def to_pandas(value: object) -> "pd.DataFrame":
     """The table of a value, or of a sequence of values, as a data frame.
 
     Raises:
-        InvalidValue: there is no table in it.
+        InvalidValue: the value cannot be shown as a table.
     """
     import pandas as pd
 
@@ -324,7 +324,7 @@ def to_arrow(value: object) -> "pa.Table":
     one type, so that their tables can be concatenated.
 
     Raises:
-        InvalidValue: there is no table in it.
+        InvalidValue: the value cannot be shown as a table.
         ServiceError: pyarrow is not installed.
     """
     try:
@@ -355,7 +355,7 @@ def to_numpy(value: object) -> NDArray[np.generic]:
     A number that is not known is NaN, a text that is not known is empty.
 
     Raises:
-        InvalidValue: there is no table in it.
+        InvalidValue: the value cannot be shown as a table.
     """
     columns = {name: array(column) for name, column in columns_of(records(value)).items()}
     if not columns:
@@ -389,7 +389,7 @@ def _(value: EpisodeResult) -> NDArray[np.generic]:
 
 
 def gather_columns(rows: Iterable[Record], known: Columns = NO_COLUMNS) -> dict[str, list[Any]]:
-    """Return the columns of a table; None if a row has no value.
+    """Return the columns of a table; None for a missing value.
 
     Args:
         rows: its rows.
@@ -414,18 +414,18 @@ def _is_superfluous(name: str, columns: Mapping[str, Sequence[Any]], known: Colu
 
 
 def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
-    """The columns of a table; what a row does not have is not known."""
+    """The columns of a table; values that a row lacks are unknown."""
     return {name: fill_column(column) for name, column in gather_columns(rows).items()}
 
 
 def is_placeholder(name: str, columns: Mapping[str, Sequence[Any]]) -> bool:
-    """Whether a column is empty because the fields of its values have columns of their own."""
+    """Return whether a column is empty because the fields of its values have their own columns."""
     inner = any(other.startswith(f"{name}_") for other in columns)
     return inner and all(each is None for each in columns[name])
 
 
 def fill_column(column: list[Any]) -> list[Any]:
-    """A column in which numbers that are not known are NaN and texts that are not known empty."""
+    """Return a column with NaN for unknown numbers and empty strings for unknown texts."""
     known = [each for each in column if each is not None]
     if len(known) == len(column):
         return column
@@ -437,13 +437,13 @@ def fill_column(column: list[Any]) -> list[Any]:
 
 
 def simplify(column: list[Any]) -> list[Any]:
-    """A column in which values other than numbers and texts are JSON, which every file can hold."""
+    """Return a column that every file can hold: values other than numbers and texts as JSON."""
     plain = (*NUMBER, str, type(None))
     return [each if isinstance(each, plain) else encode(each).decode() for each in column]
 
 
 def array(column: list[Any]) -> NDArray[np.generic]:
-    """A column as an array; of objects where it holds neither numbers nor texts alone."""
+    """A column as an array; of objects unless it holds only numbers or only texts."""
     if all(isinstance(each, NUMBER) for each in column) or all(
         isinstance(each, str) for each in column
     ):

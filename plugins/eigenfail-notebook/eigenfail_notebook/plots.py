@@ -1,7 +1,7 @@
 """Values as diagrams of matplotlib, for notebooks and papers.
 
-A diagram shows the figures of its value and no others: an interval is drawn where the value has
-one, and a value that is not known is left out.
+A diagram shows only the figures of its value: intervals are drawn if the value has them, and
+unknown values are left out.
 """
 
 from collections.abc import Sequence
@@ -204,7 +204,7 @@ def _draw_noise(
 
 
 def _draw_rates(axes: "Axes", places: Sequence[float], rates: Sequence[Rate]) -> None:
-    """Draw rates from 0 on with their intervals; those of searches have none."""
+    """Draw rates from 0 on with their intervals; rates of searches do not have intervals."""
     shares = [rate.share for rate in rates]
     (points,) = axes.plot(places, shares, "o", color=FAILURES, clip_on=False)
     # Limits that were set would cut off what is drawn into the same axes later.

@@ -82,7 +82,7 @@ class Crash(NamedTuple):
 
     @property
     def perceived(self) -> NDArray[np.float64]:
-        """Where the planner saw the nearest vehicle, shape (moments - 1, 2). [m]"""
+        """Perceived positions of the nearest vehicle, shape (moments - 1, 2). [m]"""
         truck = self.scene.vehicles[: len(self.scene.perceived), 0, :2]
         return (self.scene.perceived - truck).astype(np.float64)[self.first :]
 
@@ -175,7 +175,7 @@ def describe_collisions_picture(found: Analysed, of: tuple[Crash, ...]) -> Repor
 
 
 def describe_collisions(of: Crash) -> str:
-    """Where the vehicles were, and how far off they were seen."""
+    """Return the motion of the vehicles, and the errors of the perceived positions, as text."""
     truck, actor = of.scene.vehicles[-1, 0], of.scene.vehicles[-1, of.struck]
     there = of.actor[~np.isnan(of.actor[:, 0])]
     begin, end = there[0], there[-1]
@@ -295,7 +295,7 @@ def describe_moments(found: Analysed, channel: str) -> str:
 
 
 def list_positions(found: Analysed) -> NDArray[np.float64]:
-    """Return the time of each step [s], or its number where the duration of a step is unknown.
+    """Return the time of each step [s], or its number if the duration of a step is unknown.
 
     From the start, or to the collision if the failures stand side by side there.
     """

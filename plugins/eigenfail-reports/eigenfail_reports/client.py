@@ -50,7 +50,7 @@ def write_report(
 ) -> Report:
     """Write a report on campaigns into a folder: report.html with its data files.
 
-    The folder has all of it or stays as it was: nothing is left half-written.
+    The folder gets the whole report or stays unchanged.
 
     Args:
         client: client of the service that has the campaigns; the plug-in is installed there, too.

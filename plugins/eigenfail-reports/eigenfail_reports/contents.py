@@ -60,7 +60,7 @@ class ReportPicture(msgspec.Struct, frozen=True, kw_only=True):
         alternative: description of the picture for readers who cannot see it.
         table: name of the table with the plotted values.
         campaigns: ids of the campaigns that it shows.
-        note: what it leaves out; empty if nothing.
+        note: parts that are left out; empty if nothing.
     """
 
     name: Slug
@@ -75,7 +75,7 @@ class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
     """A part of a report.
 
     Attributes:
-        words: sentences: what was found, and how to read it.
+        words: sentences: findings, and how to read them.
     """
 
     name: Slug
@@ -109,7 +109,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         return f"Report({self.title!r}, campaigns={ids}, {sizes})"
 
     def _repr_html_(self) -> str:
-        """The report for a notebook: what it is on, and how large it is."""
+        """The report's title, campaigns, contents, command and warnings, for a notebook."""
         pictures = sum(len(section.pictures) for section in self.sections)
         sizes = {"sections": len(self.sections), "tables": len(self.tables), "pictures": pictures}
         facts = {
@@ -125,5 +125,5 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def tables(self) -> tuple[ReportTable, ...]:
-        """Those of all sections."""
+        """Tables of all sections."""
         return tuple(table for section in self.sections for table in section.tables)

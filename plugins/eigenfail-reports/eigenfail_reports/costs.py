@@ -42,7 +42,7 @@ COST_WORDS = (
 
 
 class Spent(NamedTuple):
-    """A campaign, and what it cost."""
+    """A campaign with its cost."""
 
     subject: Subject
     found: CampaignCost
@@ -137,7 +137,7 @@ def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
 
 
 def describe_cost_picture(name: str, group: Sequence[Spent]) -> ReportPicture:
-    """The picture of these campaigns, in words."""
+    """Return the description of the cost picture of some campaigns."""
     sentences = (
         f"Campaign {each.subject.label}: {last.failures} failures for "
         f"{figures.format_money(last.usd)}."

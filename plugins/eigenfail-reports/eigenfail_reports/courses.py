@@ -209,7 +209,7 @@ def count_failures(subject: Subject) -> tuple[str, ...]:
 
 
 def count_violations(name: str) -> Callable[[Subject], tuple[str, ...]]:
-    """Return what counts the violations of a requirement, by its name."""
+    """Return a function that counts the violations of a requirement, by its name."""
 
     def find(subject: Subject) -> tuple[str, ...]:
         named = {each.name: each.violations for each in subject.safety.requirements}
@@ -287,7 +287,7 @@ def make_likelihood(material: Material) -> page.ReportPart:
 
 
 def list_likelihood_words(material: Material, failing: list[Subject]) -> Iterator[str]:
-    """Yield how to read the picture, or why there is none: functions have none by themselves."""
+    """Yield how to read the picture, or why it is missing; functions alone do not have one."""
     if failing:
         yield LIKELIHOOD_WORDS
         yield from list_correlations(failing)
@@ -298,7 +298,7 @@ def list_likelihood_words(material: Material, failing: list[Subject]) -> Iterato
 
 
 def list_unmeasured(material: Material) -> Iterator[str]:
-    """Yield which failures are not drawn, since those of a function have no severity."""
+    """Yield which failures are not drawn, since failures of a function do not have a severity."""
     for each in material.subjects:
         failures = each.summary.counts.failures
         if failures and not each.has_road:
@@ -336,7 +336,7 @@ def list_correlations(failing: list[Subject]) -> Iterator[str]:
 
 
 def describe_likelihood_picture(name: str, group: tuple[Subject, ...]) -> ReportPicture:
-    """The picture of these campaigns, in words."""
+    """Return the description of the picture of some campaigns."""
     return ReportPicture(
         name=name,
         title="Likelihood and severity of failures",
@@ -348,7 +348,7 @@ def describe_likelihood_picture(name: str, group: tuple[Subject, ...]) -> Report
 
 
 def describe_likelihood(subject: Subject) -> str:
-    """Where the failures of a campaign lie."""
+    """Return the ranges of likelihood and severity of a campaign's failures, as a sentence."""
     points = subject.safety.scatter.points
     likely = [point.log_probability_per_step for point in points]
     severe = [point.severity for point in points]
@@ -447,7 +447,7 @@ def list_learning(subject: Subject, block: CourseBlock) -> tuple[Cell, ...]:
 
 
 def describe_learning_picture(name: str, group: tuple[Subject, ...]) -> ReportPicture:
-    """The picture of these campaigns, in words."""
+    """Return the description of the picture of some campaigns."""
     return ReportPicture(
         name=name,
         title=f"{_name_rates(group)} and likelihood of failures over episodes",

@@ -105,7 +105,7 @@ def make_proof(material: Material) -> page.ReportPart | None:
 
 
 def describe_proof(proven: Proven) -> str:
-    """Whether the eigenfailures of a campaign fail again."""
+    """Return how many eigenfailures of a campaign fail again, as a sentence."""
     here, everywhere = proven.proof.reproduced, proven.proof.eigenfailures
     unfinished = "" if proven.proof.done else " Replays are still running."
     return (
@@ -116,7 +116,7 @@ def describe_proof(proven: Proven) -> str:
 
 
 def describe_nearest(proof: Proof) -> str:
-    """Return where the failing noise nearest to each mode's centre is; empty if not known."""
+    """Return the failing noise nearest to each mode's centre; empty if not known."""
     places = [f"{each.number} at {each.nearest.words}" for each in proof.modes if each.nearest]
     return f" Nearest failing points, by mode: {'; '.join(places)}." if places else ""
 
@@ -214,7 +214,7 @@ def list_component_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
 
 
 def describe_variance_picture(name: str, group: tuple[Analysed, ...]) -> ReportPicture:
-    """The picture of these campaigns, in words."""
+    """Return the description of the picture of explained variance."""
     sentences = (
         f"Campaign {each.subject.label}: the first component explains "
         f"{format_share(float(each.result.explained[0]))}, all {len(each.result.explained)} "
@@ -329,7 +329,7 @@ def describe_training_picture(found: Analysed) -> ReportPicture:
 
 
 def draw_training(found: Analysed) -> svg.Drawing:
-    """A line for each interval, one below the other; a panel for each channel."""
+    """A line for each interval, from top to bottom; a panel for each channel."""
     channels = found.drawn_channels
 
     def draw(figure: "Figure") -> None:

@@ -70,7 +70,7 @@ HOW_TO_READ = (
 
 
 def explain_modes(channels: Sequence[str]) -> str:
-    """Return how to read the modes, with the sense of the noise where it is that of a position."""
+    """Return how to read the modes, with the sense of the noise if it is an error of position."""
     if not {*AXES} & {*channels}:
         return f"{HOW_TO_READ}."
     return f"{HOW_TO_READ}: positive is ahead along the road, and towards +y across it."
@@ -149,14 +149,14 @@ def list_missing(material: Material, found: list[Analysed]) -> Iterator[str]:
 
 
 def explain_no_modes(subject: Subject) -> str:
-    """Return the reason why a campaign has no modes."""
+    """Return why a campaign lacks modes."""
     if not subject.summary.counts.failures:
         return "no failure, so there is no mode."
     return f"not analysed; run `eigenfail analyze {subject.id}` and make the report again."
 
 
 def describe_modes(found: Analysed) -> Iterator[str]:
-    """Whether the modes of a campaign are real, what each is, and what to know of them."""
+    """Yield the verdict on a campaign's modes, any collapse of their diversity, and notes."""
     result, who = found.result, f"Campaign {found.subject.id}"
     caution = result.caution if result.distinct else A_SUMMARY
     yield f"{who} (analysis {found.analysis.id}): {result.verdict} {caution}".rstrip()

@@ -1,9 +1,9 @@
 """Sections that other plug-ins add to a report.
 
 An entry point of the group `eigenfail.report_sections` names a function of the store and the
-campaigns of a report. It returns sentences and tables, which need nothing of this package, or
-nothing if it has nothing to say. The entry point's name is the name of the section: letters in
-lower case, digits and dashes.
+campaigns of a report. The function returns sentences and tables, which do not depend on this
+package; without content it returns nothing. The entry point's name is the name of the section:
+letters in lower case, digits and dashes.
 """
 
 import logging
@@ -33,7 +33,7 @@ def make_foreign_parts(material: Material, taken: Collection[str]) -> Iterator[R
     left out: the report must work without it.
 
     Args:
-        material: what the report is on.
+        material: material of the report.
         taken: names of the sections and tables that the report has already.
     """
     campaigns = tuple(subject.campaign for subject in material.subjects)
@@ -51,7 +51,7 @@ def make_foreign_parts(material: Material, taken: Collection[str]) -> Iterator[R
 
 
 def make_part(name: str, blocks: Sequence[Block]) -> ReportPart:
-    """Return a section of these sentences and tables.
+    """Return a section with sentences and tables.
 
     Args:
         name: name of the section, with dashes for spaces: its title, and the name of its tables.

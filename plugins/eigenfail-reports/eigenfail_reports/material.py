@@ -26,7 +26,7 @@ LONGEST_LABEL = 36
 
 
 class Subject(NamedTuple):
-    """A campaign, and what the store knows of it.
+    """A campaign with its stored results.
 
     Attributes:
         analysis: the newest one that is done; None without one.
@@ -47,7 +47,7 @@ class Subject(NamedTuple):
 
     @property
     def has_road(self) -> bool:
-        """Whether vehicles drive in it; no function has them."""
+        """True if vehicles drive in it; no function has them."""
         return world_of(self.campaign.spec.simulator).has_road
 
     @property
@@ -59,24 +59,24 @@ class Subject(NamedTuple):
 
 
 class Material(NamedTuple):
-    """The campaigns of a report in the order asked for, and where more of them is found."""
+    """The campaigns of a report in the requested order, and the store of further data."""
 
     store: Store
     subjects: tuple[Subject, ...]
 
     @property
     def has_roads(self) -> bool:
-        """Whether vehicles drive in a campaign."""
+        """True if vehicles drive in any campaign."""
         return any(subject.has_road for subject in self.subjects)
 
     @property
     def has_functions(self) -> bool:
-        """Whether a campaign has a function as the system under test."""
+        """True if any campaign has a function as the system under test."""
         return not all(subject.has_road for subject in self.subjects)
 
     @property
     def robustness_unit(self) -> str:
-        """Unit of robustness; that of a function or of requirements has none."""
+        """Unit of robustness; robustness of a function or of requirements has none."""
         units = {find_robustness_unit(subject.campaign.spec) for subject in self.subjects}
         return "m on the road" if len(units) > 1 else units.pop()
 
@@ -100,7 +100,7 @@ def gather_material(store: Store, campaigns: Sequence[int]) -> Material:
 
 
 def check(campaigns: Sequence[int]) -> None:
-    """Refuse what no report can be made of."""
+    """Refuse campaigns that cannot be put into one report."""
     if not 1 <= len(campaigns) <= MOST_CAMPAIGNS:
         problem = f"{len(campaigns)} are named."
         raise InvalidValue("campaign", problem, f"Name 1 to {MOST_CAMPAIGNS}.")
@@ -125,7 +125,7 @@ def make_subject(store: Store, campaign: int, place: int) -> Subject:
 
 
 def list_unfinished(material: Material) -> Iterator[str]:
-    """Whose figures may still change, or rest on less than was asked for."""
+    """Yield warnings on unfinished campaigns, mixed versions and errored episodes."""
     for each in material.subjects:
         campaign = each.campaign
         if campaign.state not in FINAL_STATES:
@@ -180,7 +180,7 @@ class Analysed(NamedTuple):
 
     @property
     def at_collision(self) -> bool:
-        """Whether the failures were put side by side at their collision."""
+        """True if the failures were aligned at their collision."""
         return self.analysis.settings.align == "collision"
 
     @property
@@ -191,7 +191,7 @@ class Analysed(NamedTuple):
 
     @property
     def drawn_channels(self) -> list[tuple[int, str]]:
-        """Column and name of the channels that are drawn: those of greatest influence, in order."""
+        """Column and name of the drawn channels: the channels of greatest influence, in order."""
         largest = pick_channels(self.result.influence)
         return [(way, self.result.channels[way]) for way in sorted(largest)]
 
@@ -212,7 +212,7 @@ class Analysed(NamedTuple):
 
 
 def list_analysed(material: Material) -> Iterator[Analysed]:
-    """Those that have an analysis with a mode."""
+    """Yield the campaigns that have an analysis with a mode."""
     for subject in material.subjects:
         analysis = subject.analysis
         if analysis is not None and analysis.result is not None and analysis.result.modes:
@@ -235,9 +235,9 @@ def arrange_by_channel(
     """Yield the cells of a row in the columns of a table; empty cells of a channel it has not.
 
     Args:
-        cells: those of each channel of the row, all equally many.
+        cells: cells of each channel of the row, equally many for each channel.
         own: the channels of the row.
-        channels: those of the table.
+        channels: channels of the table.
     """
     by_name = dict(zip(own, cells, strict=True))
     nothing = (None,) * len(cells[0])
@@ -254,7 +254,7 @@ def find_step_s(spec: CampaignSpec) -> float | None:
 
 
 class Band(NamedTuple):
-    """The noise of a mode's members over time, where the eigenfailure lies.
+    """Mean and deviation of the noise of a mode's members, on the time axis of its eigenfailure.
 
     Attributes:
         shown: number of members it rests on, and of all.
@@ -291,8 +291,8 @@ def stack_noise(
     Args:
         noise: z of each, shape (its steps, channels).
         shape: of a row, (steps, channels).
-        at_collision: whether their last steps, not the first ones, stand side by side: at the
-            median length, as an eigenfailure does.
+        at_collision: whether the last steps, not the first, are aligned: at the median length, as
+            in an eigenfailure.
     """
     rows = np.full((len(noise), *shape), np.nan)
     last = int(np.quantile([len(z) for z in noise], 0.5, method="higher")) if noise else 0

@@ -175,9 +175,9 @@ BY_RATE = "failure rate of episodes drawn from p(x)"
 
 
 def find_sampled_rate(subject: Subject) -> Rate | None:
-    """Return the failure rate where it is the failure probability under p(x); None otherwise.
+    """Return the failure rate if it is the failure probability under p(x); None otherwise.
 
-    It is where the episodes are drawn from p(x) and the method gives no estimate of its own.
+    This holds if the episodes are drawn from p(x) and the method gives no estimate.
     """
     rate = subject.summary.failure_rate
     is_probability = rate is not None and rate.sampled and subject.summary.estimate is None
@@ -185,7 +185,7 @@ def find_sampled_rate(subject: Subject) -> Rate | None:
 
 
 def show_probability(subject: Subject) -> tuple[str, ...]:
-    """Return the failure probability as text, with what it is where it is a failure rate."""
+    """Return the failure probability as text, with a remark if it is a failure rate."""
     rate = find_sampled_rate(subject)
     if rate is None:
         return format_cell(subject.summary.estimate).lines
@@ -463,7 +463,7 @@ CODE_NOTE = (
 
 
 def make_provenance(material: Material) -> page.ReportPart:
-    """Return the facts by which the numbers can be traced back."""
+    """Return the facts that make the numbers traceable."""
     evidence = [*map(list_provenance, material.subjects)]
     return page.ReportPart(
         name="provenance",

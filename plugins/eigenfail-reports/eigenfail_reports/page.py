@@ -83,7 +83,7 @@ def title_panels(groups: "Sequence[Sequence[Axes]]", below: str, beside: str) ->
 
 
 def draw_legend(axes: "Axes", columns: int = 1) -> None:
-    """Draw the legend above the drawing, where it hides nothing."""
+    """Draw the legend above the drawing, without hiding anything."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
 
 
@@ -92,7 +92,7 @@ BESIDE = 5
 
 
 class Grid(NamedTuple):
-    """A table in words; each cell a figure, and below it what it rests on."""
+    """A table in words; each cell is a figure, with its basis below."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[tuple[str, ...], ...], ...]
@@ -103,11 +103,11 @@ class ReportPart(NamedTuple):
 
     Attributes:
         name: name of the section.
-        words: sentences: what was found, and how to read it.
+        words: sentences: findings, and how to read them.
         tables: numbers of the section.
         pictures: each picture in words, and what draws it.
-        grids: tables in words, by the name of the table that they word; a table without one is
-            shown as it is.
+        grids: tables in words, by the name of the table that they word; a table without grids is
+            shown as numbers.
         folded: tables that a reader has to open first.
     """
 
@@ -132,7 +132,7 @@ class ReportPart(NamedTuple):
 
 
 def make_unique(names: Sequence[str]) -> list[str]:
-    """Return the names, with a number behind each that stands there before."""
+    """Return the names; repeated names get a number at their end."""
     made: list[str] = []
     for name in names:
         numbered = (f"{name}_{number}" for number in count(2))
@@ -150,8 +150,8 @@ def make_table(
 ) -> ReportTable:
     """Return a table of columns given as (name, title, unit) or (name, title).
 
-    Columns may have names of channels, which users choose: a name that stands there already gets
-    its number behind it.
+    Columns may have names of channels, which users choose, so repeated names get a number at their
+    end.
     """
     names = make_unique([name for name, *_ in columns])
     made = tuple(ReportColumn(name, *rest) for name, (_, *rest) in zip(names, columns, strict=True))
@@ -202,16 +202,15 @@ Drawn = TypeVar("Drawn")
 
 
 def name_groups(items: Sequence[Drawn], name: str) -> Iterator[tuple[str, tuple[Drawn, ...]]]:
-    """Yield the name of each picture, and what of the items stands side by side in it."""
+    """Yield the name of each picture, and the items that are side by side in it."""
     for number, group in enumerate(split_into_groups(items, BESIDE), start=1):
         yield (name if number == 1 else f"{name}-{number}"), tuple(group)
 
 
 def list_probability(found: Estimate | None) -> tuple[float | None, ...]:
-    """An estimate, its 95 % interval, and in their place a lower bound where it is only that.
+    """Return an estimate and its 95 % interval, or only a lower bound.
 
-    They stand in columns of their own, so that no reader of the table takes a bound for an
-    estimate.
+    Estimates and bounds have separate columns, so that readers do not take a bound for an estimate.
     """
     if found is None:
         return (None, None, None, None)
@@ -231,7 +230,7 @@ class ShownTable(NamedTuple):
 
     Attributes:
         figures: whether each column holds numbers.
-        note: states what is left out.
+        note: parts that are left out.
     """
 
     name: str
@@ -343,7 +342,7 @@ def title_column(column: ReportColumn) -> str:
 
 
 def is_figure(place: int, rows: Sequence[tuple[Cell, ...]]) -> bool:
-    """Whether a column holds numbers, which stand under one another to the right."""
+    """Return whether a column holds numbers, which are aligned to the right."""
     kinds = {type(row[place]) for row in rows}
     return kinds <= {int, float, type(None)}
 

@@ -1,4 +1,4 @@
-"""A report as a whole: its sections in the order in which they are read, and its files.
+"""A report as a whole: its sections in reading order, and its files.
 
 Each function in `PARTS` takes the `Material` and returns a `ReportPart`, or None if there is
 nothing to say.
@@ -103,7 +103,7 @@ def make(store: Store, campaigns: Sequence[int], made_ms: int) -> Made:
     """A report on these campaigns as they stand.
 
     Args:
-        store: where they are.
+        store: store of the campaigns.
         campaigns: their ids, in the order of the report.
         made_ms: now.
 

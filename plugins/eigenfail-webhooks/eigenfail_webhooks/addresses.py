@@ -1,9 +1,9 @@
 """Addresses to which events may be sent: public ones, and those that the operator allows.
 
 A webhook names a host, and a user who creates webhooks could make the service connect to hosts that
-only the service reaches (server-side request forgery). So the address to which the name is resolved
-is judged at each attempt, and the connection is made to this address: a name that is resolved once
-more could lead to another one (DNS rebinding).
+only the service reaches (server-side request forgery). So the resolved address is judged at each
+attempt, and the connection is made to this address. A second resolution could give another address
+(DNS rebinding).
 """
 
 import ipaddress
@@ -51,7 +51,7 @@ log = structlog.get_logger()
 
 
 class AddressRefused(Exception):
-    """No address of a host is one to which events may be sent."""
+    """Events may not be sent to any address of a host."""
 
 
 def read_networks() -> tuple[IpNetwork, ...]:
@@ -78,7 +78,7 @@ def parse_networks(text: str) -> tuple[IpNetwork, ...]:
 
 
 def check_url(url: str) -> None:
-    """Check that a URL names a host and a port; where they lead is judged at each attempt.
+    """Check that a URL names a host and a port; the resolved address is judged at each attempt.
 
     Raises:
         InvalidValue: it does not, or it is not printable ASCII.
@@ -121,7 +121,7 @@ def is_web_port(port: int) -> bool:
 
 
 def _find_destination(address: IpAddress) -> IpAddress:
-    """Return the IPv4 address that an IPv6 address stands for, or the address itself."""
+    """Return the IPv4 address that an IPv6 address embeds, or the address itself."""
     if isinstance(address, ipaddress.IPv6Address):
         if address.ipv4_mapped is not None:
             return address.ipv4_mapped
@@ -136,7 +136,7 @@ async def resolve_host(host: str, port: int, allowed: Sequence[IpNetwork]) -> st
     Other notations of addresses, such as 2130706433 or 0x7f.1, are resolved like names.
 
     Raises:
-        AddressRefused: there is none at this port, or the name cannot be resolved.
+        AddressRefused: no address is allowed at this port, or the name cannot be resolved.
     """
     resolve = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
     try:

@@ -12,8 +12,8 @@ from eigenfail_webhooks import values
 class Webhooks:
     """Create, list, test and delete webhooks.
 
-    Every method raises Unauthorized without a valid key, Forbidden without one of the scope admin,
-    and ServiceUnreachable if no service answers.
+    Every method raises Unauthorized without a valid key, Forbidden if the key lacks the scope
+    admin, and ServiceUnreachable if no service answers.
 
     Args:
         client: client of the service. The plug-in is installed there, too.

@@ -1,4 +1,4 @@
-"""The dispatcher: queues messages on new events, sends them, and tries those again that fail.
+"""The dispatcher: queues messages on new events, sends them, and repeats failed attempts.
 
 Each process of the services has one; they share the deliveries by claiming them. A process that is
 killed during an attempt leaves a claim that runs out, and the event is sent again, under its id:
@@ -79,7 +79,7 @@ def judge_status(status: int, attempt: int) -> DeliveryAttempt:
 
 
 def judge_failure(problem: str, attempt: int, status: int | None = None) -> DeliveryAttempt:
-    """Return the outcome of an attempt that failed: pending, or failed where it was the last one.
+    """Return the outcome of a failed attempt: failed if it was the last attempt, otherwise pending.
 
     Args:
         problem: why it failed, in a sentence.

@@ -1,8 +1,8 @@
-"""Messages: what webhooks are told of an event of the core's log.
+"""Messages to webhooks on events of the core's log.
 
 The log is read from the place that the webhooks have reached. Its ids appear in order and without
-gaps, and the place moves in the transaction that queues the messages: no event is left out, and
-none is queued twice, wherever a process is killed.
+gaps, and the place moves in the transaction that queues the messages. Hence no event is left out or
+queued twice, even if a process is killed.
 """
 
 from collections.abc import Callable, Mapping

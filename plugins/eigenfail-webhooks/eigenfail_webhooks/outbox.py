@@ -83,7 +83,7 @@ class ClaimedDelivery(NamedTuple):
         token: identifies the claim.
         attempt: number of this attempt, from 1.
         event: id of the event.
-        payload: what is sent, as JSON text.
+        payload: message to send, as JSON text.
         webhook: id of the webhook.
         url: address of the webhook.
         secret: secret of the webhook.
@@ -103,7 +103,7 @@ class DeliveryAttempt(NamedTuple):
     """Outcome of an attempt.
 
     Attributes:
-        state: pending where it is tried again.
+        state: pending if another attempt follows.
         status: HTTP status of the answer; None without one.
         problem: why it failed; empty if it did not.
         retry_ms: time until the next attempt of a pending delivery. [ms]
@@ -124,7 +124,7 @@ class Outbox:
         self._database = database
 
     def queue_test(self, webhook: int) -> WebhookDelivery | None:
-        """Queue a test event for a webhook; None if there is no such webhook."""
+        """Queue a test event for a webhook; None if the webhook does not exist."""
         lock = sa.select(webhooks.c.id).where(webhooks.c.id == webhook)
         with self._database.writing() as connection:
             found = connection.execute(lock.with_for_update(read=True, key_share=True)).first()
@@ -180,7 +180,7 @@ class Outbox:
     def claim(self, lease_s: float, at_ms: int) -> ClaimedDelivery | None:
         """Claim the delivery that has been due for longest, and return it; None without one.
 
-        A webhook has one delivery at a time, so that one that answers slowly holds up no other.
+        A webhook has one delivery at a time, so that a slow webhook does not delay any other.
 
         Args:
             lease_s: after this time another process may claim it. [s]

@@ -1,7 +1,7 @@
 """Signatures of webhooks, after the Standard Webhooks specification (standardwebhooks.com, 1.0.0).
 
-The specification's own library brings an HTTP client, attrs and three further packages; what it
-does with an HMAC is in these functions.
+The specification's own library brings an HTTP client, attrs and three further packages; these
+functions implement its HMAC.
 """
 
 import hmac
@@ -38,7 +38,7 @@ def sign_message(secret: str, message: str, at_s: int, body: bytes) -> str:
         secret: `whsec_` and the base64 of the key.
         message: its id, the header `webhook-id`.
         at_s: the header `webhook-timestamp`, in seconds since 1970.
-        body: the body, as it is sent.
+        body: the body, as sent.
 
     Raises:
         InvalidValue: the secret is not of that form.

@@ -29,7 +29,7 @@ OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 
 
 class Analyses:
-    """Group the failures of campaigns, and prove by replay what they have in common.
+    """Group the failures of campaigns, and prove their common patterns by replay.
 
     Every method raises ServiceUnreachable if no service answers.
     """
@@ -43,25 +43,25 @@ class Analyses:
         settings: AnalysisSettings | None = None,
         **fields: Unpack[AnalysisFields],
     ) -> Analysis:
-        """A new analysis of a campaign's failures, queued.
+        """Queue and return a new analysis of a campaign's failures.
 
         Args:
             campaign: the campaign, or its id.
-            settings: all of them; or give those that are not as usual by name.
+            settings: all settings; or give only those that differ from the defaults, by name.
             fields: fields of AnalysisSettings, as plain data.
 
         Raises:
             NotFound: no such campaign.
             UnknownName: a setting that does not exist.
-            InvalidValue: a setting outside its bounds, fields beside all settings, or further
-                campaigns that are not there or do not go together with this one.
+            InvalidValue: a setting is outside its bounds, fields are given together with
+                `settings`, or a further campaign does not exist or does not match this one.
         """
         refuse_fields_beside("settings", settings, fields)
         wanted = settings or read_fields(fields, AnalysisSettings)
         return self._link.post(f"{locate_campaign(campaign)}/analyses", Analysis, wanted)
 
     def get(self, analysis: AnalysisLike) -> Analysis:
-        """The analysis, with its result once it is done.
+        """Return the analysis, with its result once it is done.
 
         Raises:
             NotFound: no such analysis.
@@ -69,7 +69,7 @@ class Analyses:
         return self._link.get(locate_analysis(analysis), Analysis)
 
     def list(self, campaign: CampaignLike) -> Rows[Analysis]:
-        """The analyses of a campaign, newest first, without their results.
+        """List the analyses of a campaign, newest first, without their results.
 
         Raises:
             NotFound: no such campaign.
@@ -79,11 +79,11 @@ class Analyses:
     def wait(
         self, analysis: AnalysisLike, poll_s: float = 0.3, timeout_s: float | None = None
     ) -> Analysis:
-        """The analysis once it is done or has failed.
+        """Wait until an analysis is done or has failed, and return it.
 
         Raises:
             NotFound: no such analysis.
-            WaitTimeout: it is not over in time; it goes on all the same.
+            WaitTimeout: it did not end in time; it continues to run.
         """
         return wait_until(
             lambda: self.get(analysis),
@@ -94,7 +94,7 @@ class Analyses:
         )
 
     def eigenfailures(self, analysis: AnalysisLike) -> tuple[FailureMode, ...]:
-        """The failure modes, each with its eigenfailure.
+        """Return the failure modes, each with its eigenfailure.
 
         Raises:
             NotFound: no such analysis.
@@ -107,15 +107,15 @@ class Analyses:
         analysis: AnalysisLike,
         state: TriageState | str | None = None,
     ) -> tuple[Mode, ...]:
-        """The failure modes by number, with their names and without their noise.
+        """Return the failure modes by number, with their names and without their noise.
 
         Args:
             analysis: id of the analysis.
-            state: only those in this state of triage.
+            state: only modes in this state of triage.
 
         Raises:
             NotFound: no such analysis.
-            InvalidValue: there is no such state.
+            InvalidValue: unknown state.
         """
         path = f"{locate_analysis(analysis)}/modes"
         return self._link.get(path, Page[Mode], {"state": state}).items
@@ -126,8 +126,8 @@ class Analyses:
         """Give a failure mode a name.
 
         Args:
-            analysis: the analysis, or its id; or the mode, as lists have it.
-            mode: the mode, or its number, from 1; left out where `analysis` is the mode:
+            analysis: the analysis, or its id; or the mode, as listed.
+            mode: the mode, or its number, from 1; left out if `analysis` is the mode:
                 `rename_mode(mode, "late braking")`.
             name: at most 80 characters.
 
@@ -149,10 +149,10 @@ class Analyses:
         """Write the failures of a mode, drawn over each other, as an animated GIF.
 
         Args:
-            analysis: the analysis, or its id; or the mode, as lists have it.
-            mode: the mode, or its number, from 1; left out where `analysis` is the mode:
+            analysis: the analysis, or its id; or the mode, as listed.
+            mode: the mode, or its number, from 1; left out if `analysis` is the mode:
                 `animate(mode, "mode.gif")`.
-            path: path of the file; one that is there is replaced.
+            path: path of the file; an existing file is replaced.
             format: gif, or another one for which the service has a plug-in.
 
         Returns:
@@ -160,8 +160,8 @@ class Analyses:
 
         Raises:
             NotFound: no such analysis or mode.
-            UnknownName: the service has no such format.
-            Conflict: it is not done, or none of the failures has a scene.
+            UnknownName: the service does not have this format.
+            Conflict: the analysis is not done, or none of the failures has a scene.
             InvalidValue: the path is missing, or the service cannot write the format.
             ServiceError: the file cannot be written.
         """
@@ -176,17 +176,17 @@ class Analyses:
     ) -> Proof:
         """Have eigenfailures and medoids replayed, in a campaign for each scenario.
 
-        Failures that are replayed there already are not replayed again. Wait for the end with
-        `wait_for_proof`.
+        Failures that were already replayed in a scenario are not replayed there again. Wait for the
+        end with `wait_for_proof`.
 
         Args:
             analysis: the analysis, or its id.
-            variations: scenario parameters, each put over those of the analysed campaign, {} for
-                its own scenario; None takes that and its neighbours to both sides.
+            variations: scenario parameters, each replacing a parameter of the analysed campaign; {}
+                is its own scenario. None takes its own scenario and the neighbours on both sides.
 
         Raises:
             NotFound: no such analysis.
-            Conflict: it is not done, found no failure mode, or is of several worlds.
+            Conflict: it is not done, found no failure mode, or covers several worlds.
             UnknownName: a parameter that the scenario does not have.
             InvalidValue: a parameter outside its bounds, a distribution, or no variation.
         """
@@ -195,7 +195,7 @@ class Analyses:
         return self._link.post_once_only(f"{locate_analysis(analysis)}/proof", Proof, asked)
 
     def proof(self, analysis: AnalysisLike) -> Proof:
-        """How many replays failed again, in which scenarios, as far as results are in.
+        """Return how many replays failed again so far, by scenario.
 
         Raises:
             NotFound: no such analysis.
@@ -206,12 +206,12 @@ class Analyses:
     def wait_for_proof(
         self, analysis: AnalysisLike, poll_s: float = 0.3, timeout_s: float | None = None
     ) -> Proof:
-        """The proof once all of its replays have ended; `prove` comes first.
+        """Wait until all replays of a proof have ended, and return it; call `prove` first.
 
         Raises:
             NotFound: no such analysis.
             Conflict: it is not done.
-            WaitTimeout: they have not ended in time; they go on all the same.
+            WaitTimeout: they did not end in time; they continue to run.
         """
         place = locate_analysis(analysis).removeprefix("/analyses/")
         return wait_until(
@@ -229,7 +229,7 @@ class TriageFields(TypedDict, total=False):
     Attributes:
         state: new, confirmed, known, fixed or not_a_bug.
         ticket: address of its ticket, beginning with https:// or http://; empty for none.
-        note: the new note, in place of the one before; empty for none.
+        note: the new note, which replaces the old one; empty for none.
     """
 
     state: TriageState | str
@@ -240,8 +240,8 @@ class TriageFields(TypedDict, total=False):
 class TriageRecords:
     """Read and change the triage of failure modes.
 
-    Changes need a key of the scope runner where keys are required. Every method raises
-    InvalidValue for a value that names no such thing, and ServiceUnreachable if no service answers.
+    Changes need a key of the scope runner if keys are required. Every method raises
+    InvalidValue for a value of the wrong kind, and ServiceUnreachable if no service answers.
     """
 
     def __init__(self, link: Link) -> None:
@@ -251,8 +251,8 @@ class TriageRecords:
         """Return the triage of a failure mode.
 
         Args:
-            analysis: the analysis, or its id; or the mode, as lists have it.
-            mode: the mode, or its number, from 1; left out where `analysis` is the mode.
+            analysis: the analysis, or its id; or the mode, as listed.
+            mode: the mode, or its number, from 1; left out if `analysis` is the mode.
 
         Raises:
             NotFound: no such analysis or mode.

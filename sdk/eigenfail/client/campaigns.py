@@ -49,15 +49,15 @@ class Campaigns:
     def create(self, **fields: Unpack[CampaignFields]) -> Campaign: ...
 
     def create(self, spec: CampaignSpec | None = None, **fields: Any) -> Campaign:
-        """A new campaign, queued.
+        """Queue and return a new campaign.
 
         Args:
-            spec: all of it; or give its fields by name.
-            fields: fields of a CampaignSpec, as values or plain data; type checkers know them.
+            spec: the whole specification; or give its fields by name.
+            fields: fields of a CampaignSpec, as values or plain data; type checkers check them.
 
         Raises:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
-            InvalidValue: a value outside its bounds, or fields beside a whole specification.
+            InvalidValue: a value outside its bounds, or fields together with `spec`.
         """
         refuse_fields_beside("spec", spec, fields)
         wanted = spec or http.read_fields(fields, CampaignSpec)
@@ -66,15 +66,15 @@ class Campaigns:
     def create_many(
         self, specs: Sequence[CampaignSpec | Mapping[str, Any]], key: str | None = None
     ) -> tuple[Campaign, ...]:
-        """Many new campaigns, queued in this order: all of them, or none.
+        """Queue many new campaigns in this order, all of them or none, and return them.
 
         Args:
             specs: at most `MOST_AT_ONCE`.
-            key: idempotency key of this request, for ever; None makes one for this call.
+            key: permanent idempotency key of this request; None makes one for this call.
 
         Raises:
             UnknownName: one has a field, plug-in or setting that does not exist: `[2].settings`.
-            InvalidValue: one has a value that cannot be; or there are none, or too many.
+            InvalidValue: one has an invalid value, or `specs` is empty or too long.
         """
         wanted = [
             # Plain data is sent as it is: the service alone knows the defaults of its plug-ins.
@@ -86,14 +86,14 @@ class Campaigns:
     def check(
         self, spec: CampaignSpec | None = None, **fields: Unpack[CampaignChanges]
     ) -> http.CampaignCheck:
-        """What a campaign would be, or everything that is wrong with it; nothing is launched.
+        """Return the full specification of a campaign, or all of its problems, without a launch.
 
         Args:
-            spec: all of it; or give its fields by name.
+            spec: the whole specification; or give its fields by name.
             fields: fields of a CampaignSpec, as structs or plain data.
 
         Raises:
-            InvalidValue: fields are given beside a whole specification.
+            InvalidValue: fields are given together with `spec`.
         """
         refuse_fields_beside("spec", spec, fields)
         return self._link.post(
@@ -101,12 +101,12 @@ class Campaigns:
         )
 
     def clone(self, campaign: CampaignLike, **changes: Unpack[CampaignChanges]) -> Campaign:
-        """A new campaign like an earlier one, queued.
+        """Queue and return a new campaign like an earlier one.
 
         Args:
-            campaign: the earlier one, or its id.
-            changes: fields of a CampaignSpec that are to be other than there. Settings and
-                parameters are put over the earlier ones, unless their plug-in is another one.
+            campaign: the earlier campaign, or its id.
+            changes: fields of a CampaignSpec that differ from the earlier campaign. Settings and
+                parameters are merged into the earlier ones, unless their plug-in changes.
 
         Raises:
             NotFound: no such campaign.
@@ -123,9 +123,9 @@ class Campaigns:
         episode: EpisodeLike | None = None,
         episodes: int = http.SHRINK_WITHIN,
     ) -> Campaign:
-        """A new campaign that finds out how little noise a failure needs; see `minimal`.
+        """Queue and return a new campaign that minimises the noise of a failure; see `minimal`.
 
-        It runs in the scenario that the episode drew, where its campaign drew one.
+        It runs in the scenario that the episode drew, if its campaign draws scenarios.
 
         Args:
             campaign: campaign of the failure, or its id; or the failure itself.
@@ -133,14 +133,14 @@ class Campaigns:
             episodes: the budget of replays.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result.
+            NotFound: no such campaign, or no result of the episode.
             InvalidValue: the episode did not end in a collision.
         """
         path = f"{locate_episode(*find_episode_id(campaign, episode))}/shrink"
         return self._link.post_once_only(path, Campaign, http.ShrinkRequest(episodes))
 
     def get(self, campaign: CampaignLike) -> Campaign:
-        """The campaign as it stands.
+        """Return the campaign in its present state.
 
         Raises:
             NotFound: no such campaign.
@@ -163,10 +163,10 @@ class Campaigns:
         """List campaigns that match all given filters, in an order.
 
         Args:
-            state: state in which the campaigns are.
-            suite: suite to which the campaigns belong.
+            state: state of the campaigns.
+            suite: suite of the campaigns.
             method: name of the method.
-            search: text that their names hold, in small or large letters.
+            search: text that their names contain, in small or large letters.
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
             project: project of the campaigns.
@@ -195,7 +195,7 @@ class Campaigns:
         return self._link.pages("/campaigns", Page[Campaign], "before", asked, extent)
 
     def pause(self, campaign: CampaignLike) -> Campaign:
-        """Let it rest once the rounds at work are in.
+        """Pause a campaign as soon as its running rounds have ended.
 
         Raises:
             NotFound: no such campaign.
@@ -204,7 +204,7 @@ class Campaigns:
         return self._link.post(f"{locate_campaign(campaign)}/pause", Campaign)
 
     def resume(self, campaign: CampaignLike) -> Campaign:
-        """Let it go on.
+        """Resume a paused campaign.
 
         Raises:
             NotFound: no such campaign.
@@ -213,16 +213,16 @@ class Campaigns:
         return self._link.post(f"{locate_campaign(campaign)}/resume", Campaign)
 
     def cancel(self, campaign: CampaignLike) -> Campaign:
-        """End it; finished episodes are kept.
+        """Cancel a campaign; finished episodes are kept.
 
         Raises:
             NotFound: no such campaign.
-            IllegalTransition: it has ended otherwise.
+            IllegalTransition: it has ended in another way.
         """
         return self._link.post(f"{locate_campaign(campaign)}/cancel", Campaign)
 
     def archive(self, campaign: CampaignLike) -> Campaign:
-        """Archive a campaign that has ended: lists omit it, and nothing of it is deleted.
+        """Archive a campaign that has ended: lists omit it, but nothing is deleted.
 
         Raises:
             NotFound: no such campaign.
@@ -239,12 +239,12 @@ class Campaigns:
         return self._link.post(f"{locate_campaign(campaign)}/restore", Campaign)
 
     def prioritise(self, campaign: CampaignLike, priority: Priority | str) -> Campaign:
-        """Give it another priority, low, normal or high, from now on; its episodes stay the same.
+        """Change the priority to low, normal or high; the episodes stay the same.
 
         Raises:
             NotFound: no such campaign.
             IllegalTransition: it has ended.
-            InvalidValue: there is no such priority.
+            InvalidValue: unknown priority.
         """
         change = http.read_fields({"priority": priority}, PriorityChange)
         return self._link.post(f"{locate_campaign(campaign)}/priority", Campaign, change)
@@ -257,21 +257,21 @@ class Campaigns:
         timeout_s: float | None = None,
         progress: bool = False,
     ) -> Campaign:
-        """The campaign once it has ended or is paused.
+        """Wait until a campaign has ended or is paused, and return it.
 
-        A campaign of which every episode errored ends, too; its `is_errored` is then true.
+        A campaign also ends if every episode errored; its `is_errored` is then true.
 
         Args:
             campaign: the campaign, or its id.
-            on_progress: called with the campaign after every poll, the last one included.
-            poll_s: time between two looks.
-            timeout_s: give up after this time; None waits for ever.
-            progress: show failures, rate and the time to go: a bar in a terminal or a notebook,
-                plain lines on standard error elsewhere.
+            on_progress: called with the campaign after every poll, including the last.
+            poll_s: time between two polls.
+            timeout_s: time limit; None waits forever.
+            progress: show failures, rate and remaining time: as a bar in a terminal or a notebook,
+                as plain lines on standard error elsewhere.
 
         Raises:
             NotFound: no such campaign.
-            WaitTimeout: it did not end in time; it goes on all the same.
+            WaitTimeout: it did not end in time; it continues to run.
         """
         with report_progress(on_progress, progress) as tell:
 
@@ -285,7 +285,7 @@ class Campaigns:
             )
 
     def summary(self, campaign: CampaignLike) -> Summary:
-        """Failures, rate, likelihood and cost so far.
+        """Return failures, rate, likelihood and cost so far.
 
         Raises:
             NotFound: no such campaign.
@@ -293,30 +293,30 @@ class Campaigns:
         return self._link.get(f"{locate_campaign(campaign)}/summary", Summary)
 
     def summaries(self, *, archived: bool = False) -> Rows[Summary]:
-        """The summaries of all campaigns, newest first.
+        """List the summaries of all campaigns, newest first.
 
         Args:
-            archived: whether archived campaigns are among them.
+            archived: whether archived campaigns are included.
         """
         asked = {"archived": _ask_archived(archived)}
         extent = Extent(partial(self._link.count, "/campaigns", asked))
         return self._link.pages("/campaigns/summaries", Page[Summary], "before", asked, extent)
 
     def course(self, campaign: CampaignLike, per: int | None = None) -> Course:
-        """Failure rate, likelihood and robustness by blocks of episodes, so far.
+        """Return failure rate, likelihood and robustness so far, by blocks of episodes.
 
         Args:
             campaign: the campaign, or its id.
-            per: episodes of a block; None chooses by the budget.
+            per: episodes per block; None chooses by the budget.
 
         Raises:
             NotFound: no such campaign.
-            InvalidValue: so short blocks would be too many.
+            InvalidValue: blocks of this length would be too many.
         """
         return self._link.get(f"{locate_campaign(campaign)}/course", Course, {"per": per})
 
     def safety(self, campaign: CampaignLike, level: float = TAIL_LEVEL) -> Safety:
-        """Collisions, near misses, MinTTC, DRAC and severity of the episodes so far.
+        """Return collisions, near misses, MinTTC, DRAC and severity of the episodes so far.
 
         Args:
             campaign: the campaign, or its id.
@@ -329,7 +329,7 @@ class Campaigns:
         return self._link.get(f"{locate_campaign(campaign)}/safety", Safety, {"level": str(level)})
 
     def prunings(self, campaign: CampaignLike) -> tuple[Pruning, ...]:
-        """Return the prunings of its noise: by which rule, when, by whom, how much.
+        """Return each pruning of the campaign's noise: its rule, time, user and amount.
 
         Raises:
             NotFound: no such campaign.
@@ -337,7 +337,7 @@ class Campaigns:
         return self._link.get(f"{locate_campaign(campaign)}/prunings", Page[Pruning]).items
 
     def workers(self, campaign: CampaignLike) -> tuple[WorkerShare, ...]:
-        """Who ran its episodes; who ran most comes first.
+        """Return the workers that ran the campaign's episodes, the busiest first.
 
         Raises:
             NotFound: no such campaign.
@@ -345,14 +345,14 @@ class Campaigns:
         return self._link.get(f"{locate_campaign(campaign)}/workers", Page[WorkerShare]).items
 
     def costs_by_method(self) -> tuple[PeerCosts, ...]:
-        """What a failure costs by method, over all campaigns of one planner and scenario.
+        """Return the cost per failure by method, for each group of one planner and scenario.
 
-        Those groups that have the newest campaigns come first.
+        Groups with the newest campaigns come first.
         """
         return self._link.get("/costs", Page[PeerCosts]).items
 
     def cost(self, campaign: CampaignLike) -> CampaignCost:
-        """What failures and modes cost so far, by when, and what the time went into.
+        """Return the cost of failures and modes so far, its course, and the use of the time.
 
         Raises:
             NotFound: no such campaign.
@@ -360,7 +360,7 @@ class Campaigns:
         return self._link.get(f"{locate_campaign(campaign)}/cost", CampaignCost)
 
     def compare(self, a: CampaignsLike, b: CampaignsLike) -> Comparison:
-        """Two campaigns side by side, or two groups of them that differ in their seeds alone.
+        """Compare two campaigns, or two groups of campaigns that differ only in their seeds.
 
         Raises:
             NotFound: no such campaign.
@@ -369,10 +369,10 @@ class Campaigns:
         return self._link.get("/comparisons", Comparison, {"a": _join_ids(a), "b": _join_ids(b)})
 
     def over_seeds(self, campaigns: CampaignsLike) -> tuple[SeedSpread, ...]:
-        """Mean and spread of campaigns that differ in their seeds alone.
+        """Return mean and spread of campaigns that differ only in their seeds.
 
         Args:
-            campaigns: campaigns or ids; those that differ in more are several groups, and a group
+            campaigns: campaigns or ids. Campaigns that differ in more form several groups; a group
                 with one seed or without a completed episode is left out.
 
         Raises:
@@ -382,25 +382,25 @@ class Campaigns:
         return self._link.get("/seeds", Page[SeedSpread], asked).items
 
     def minimal(self, campaign: CampaignLike) -> MinimalFailure:
-        """How little noise a failure needs, so far: of a campaign of the method `minimal`.
+        """Return the least noise found so far that still fails, for the method `minimal`.
 
         Raises:
             NotFound: no such campaign.
-            Conflict: it shrinks no failure, or no replay of it has failed.
+            Conflict: the campaign does not shrink a failure, or none of its replays has failed.
         """
         return self._link.get(f"{locate_campaign(campaign)}/minimal", MinimalFailure)
 
     def mixing(self, campaign: CampaignLike) -> ChainMixing:
-        """How far the chains of a campaign of the method `chains` have mixed.
+        """Return how far the chains of a campaign have mixed, for the method `chains`.
 
         Raises:
             NotFound: no such campaign.
-            Conflict: it has no chains, or none has started.
+            Conflict: the campaign is without chains, or none has started.
         """
         return self._link.get(f"{locate_campaign(campaign)}/mixing", ChainMixing)
 
     def digest(self, campaign: CampaignLike) -> str:
-        """SHA-256 over the results that are in: equal for equal campaigns.
+        """Return the SHA-256 over the results so far; equal campaigns have equal digests.
 
         Raises:
             NotFound: no such campaign.

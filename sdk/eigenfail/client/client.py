@@ -40,15 +40,15 @@ MAX_FAILURES = 5
 class Client:
     """An eigenfail service, over HTTP.
 
-    Errors are those of `eigenfail.errors`, with the service's remedy. Requests that may safely
-    come twice are sent again while the service is busy or away for a moment.
+    Methods raise the errors in `eigenfail.errors`, with the service's remedy. Requests that are
+    safe to repeat are sent again while the service is busy or briefly unreachable.
 
     Args:
-        base_url: address of the service; None takes that of EIGENFAIL_URL or, if it is not set,
+        base_url: address of the service; None takes EIGENFAIL_URL or, if it is not set,
             http://127.0.0.1:8440.
-        transport: instead of sockets, for tests and for services in this process, whose address
-            EIGENFAIL_URL is not.
-        key: what the service asks for, `ef_…`; None takes that of EIGENFAIL_KEY, if it is set.
+        transport: replaces sockets, for tests and for services in this process; EIGENFAIL_URL is
+            then ignored.
+        key: API key for the service, `ef_…`; None takes EIGENFAIL_KEY, if it is set.
     """
 
     def __init__(
@@ -72,60 +72,60 @@ class Client:
 
     @property
     def url(self) -> str:
-        """Address of the service; its dashboard is there."""
+        """Address of the service and its dashboard."""
         return self._link.base_url
 
     @property
     def link(self) -> Link:
-        """Typed requests to routes that plug-ins bring: `link.post("/risk", RiskAssessment, …)`."""
+        """Typed requests to routes of plug-ins: `link.post("/risk", RiskAssessment, …)`."""
         return self._link
 
     def methods(self) -> tuple[PluginInfo, ...]:
-        """The methods that campaigns can use, with the JSON schema of their settings."""
+        """List the methods that campaigns can use, with the JSON schema of their settings."""
         return self._plugins("methods")
 
     def planners(self) -> tuple[PluginInfo, ...]:
-        """The planners that can be tested, with the JSON schema of their settings."""
+        """List the planners that can be tested, with the JSON schema of their settings."""
         return self._plugins("planners")
 
     def scenarios(self) -> tuple[PluginInfo, ...]:
-        """The scenarios, with the JSON schema of their parameters."""
+        """List the scenarios, with the JSON schema of their parameters."""
         return self._plugins("scenarios")
 
     def simulators(self) -> tuple[PluginInfo, ...]:
-        """The simulators."""
+        """List the simulators."""
         return self._plugins("simulators")
 
     def workers(self, within_s: int = 600) -> tuple[WorkerShare, ...]:
-        """Who brought results in the last seconds, and of which campaigns; only these count."""
+        """Return workers with results in the last `within_s` seconds; only these results count."""
         return self._link.get("/workers", Page[WorkerShare], {"within_s": within_s}).items
 
     def present_workers(self) -> tuple[Presence, ...]:
-        """Who is connected now, at work or not, with host, process and versions."""
+        """Return the connected workers, busy or idle, with host, process and versions."""
         return self._link.get("/workers/present", Page[Presence]).items
 
     def staffing(self) -> Staffing:
-        """How many workers are there, and what the services said last of those they start."""
+        """Return the number of workers, and the services' last report on workers they start."""
         return self._link.get("/workers/staffing", Staffing)
 
     def health(self) -> bool:
-        """Whether the service answers and reaches its database."""
+        """Return whether the service answers and reaches its database."""
         return self.trouble() is None
 
     def trouble(self) -> EigenfailError | None:
-        """Why it is not healthy: nothing answers, or its database cannot be read or written."""
+        """Return why the service is unhealthy: no answer or a database fault; None if healthy."""
         return self._link.trouble("/readyz")
 
     def close(self) -> None:
-        """Let go of all connections."""
+        """Close all connections."""
         self._link.close()
 
     def __repr__(self) -> str:
-        """Where the service is."""
+        """Return the class name and the address of the service."""
         return f"Client({self.url!r})"
 
     def __enter__(self) -> Self:
-        """The client itself."""
+        """Return the client itself."""
         return self
 
     def __exit__(
@@ -134,7 +134,7 @@ class Client:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Close the client."""
         self.close()
 
     def _plugins(self, kind: str) -> tuple[PluginInfo, ...]:
@@ -144,8 +144,8 @@ class Client:
 class Keys:
     """Make, list, limit and revoke keys.
 
-    Every method raises Unauthorized without a valid key, Forbidden without one of the scope admin,
-    and ServiceUnreachable if no service answers.
+    Every method raises Unauthorized without a valid key, Forbidden if the key does not have the
+    scope admin, and ServiceUnreachable if no service answers.
     """
 
     def __init__(self, link: Link) -> None:
@@ -158,26 +158,26 @@ class Keys:
         expires_s: int | None = None,
         quotas: access.Quotas = access.UNLIMITED,
     ) -> access.NewKey:
-        """Make a key; its token is in the answer, and can never be read again.
+        """Make a key; the answer has its token, which cannot be read again later.
 
         Args:
-            name: who or what it is for.
-            scope: viewer reads, runner also starts and steers, admin does everything.
-            expires_s: for how long it is valid [s]; None: until it is revoked.
-            quotas: how much may be done with it.
+            name: user or purpose of the key.
+            scope: viewer reads, runner also starts and steers, admin may do everything.
+            expires_s: how long it is valid [s]; None: until it is revoked.
+            quotas: limits on the use of the key.
 
         Raises:
-            InvalidValue: a value outside its bounds; or a first key that is not an administrator's.
+            InvalidValue: a value outside its bounds, or a first key without the scope admin.
         """
         wanted = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
         return self._link.post("/keys", access.NewKey, read_fields(wanted, access.KeyRequest))
 
     def list(self) -> Rows[access.ApiKey]:
-        """All keys, newest first; those that are no longer valid, too."""
+        """List all keys, newest first, including keys that are no longer valid."""
         return self._link.pages("/keys", Page[access.ApiKey], "before")
 
     def get(self, key: KeyLike) -> access.ApiKey:
-        """A key, without its secret.
+        """Return a key, without its secret.
 
         Raises:
             NotFound: no such key.
@@ -185,7 +185,7 @@ class Keys:
         return self._link.get(locate_key(key), access.ApiKey)
 
     def usage(self, key: KeyLike) -> access.Usage:
-        """What the campaigns of a key use of its quotas now.
+        """Return how much of a key's quotas its campaigns use now.
 
         Raises:
             NotFound: no such key.
@@ -193,7 +193,7 @@ class Keys:
         return self._link.get(f"{locate_key(key)}/usage", access.Usage)
 
     def limit(self, key: KeyLike, quotas: access.Quotas) -> access.ApiKey:
-        """Set the quotas of a key from now on; its earlier campaigns stay, and count.
+        """Set the quotas of a key from now on; its earlier campaigns stay and count.
 
         Raises:
             NotFound: no such key.
@@ -201,7 +201,7 @@ class Keys:
         return self._link.post(f"{locate_key(key)}/quotas", access.ApiKey, quotas)
 
     def revoke(self, key: KeyLike) -> access.ApiKey:
-        """Revoke a key, for good.
+        """Revoke a key permanently.
 
         Raises:
             NotFound: no such key.
@@ -209,26 +209,26 @@ class Keys:
         return self._link.delete(locate_key(key), access.ApiKey)
 
     def audit(self) -> Rows[access.AuditEntry]:
-        """Who changed what, newest first."""
+        """List all changes with their authors, newest first."""
         return self._link.pages("/audit", Page[access.AuditEntry], "before")
 
 
 class Events:
-    """The event log of a service, as it grows."""
+    """Follow the event log of a service."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
 
     def follow(self, after: EventLike = 0, campaign: CampaignLike | None = None) -> Iterator[Event]:
-        """Every event from now on without end, through cut connections and restarts.
+        """Yield events without end, also across lost connections and restarts.
 
         Args:
-            after: begin behind this event, or the event with this id; 0 begins with the oldest one.
+            after: begin after this event, or the event with this id; 0 begins with the oldest one.
             campaign: only events of this campaign.
 
         Raises:
             NotFound: no such campaign.
-            ServiceUnreachable: the service stays away.
+            ServiceUnreachable: the service does not come back.
         """
         last, failures = find_event_id(after), 0
         number = None if campaign is None else find_campaign_id(campaign)
@@ -246,7 +246,7 @@ class Events:
             rest.get()(RECONNECT_S)
 
     def _connected(self, after: int, campaign: int | None) -> Iterator[Event]:
-        """The events of one connection; those without data only mark a place."""
+        """Yield the events of one connection; events without data only mark a position."""
         place = {"Last-Event-ID": str(after)}
         with self._link.stream("/events", {"campaign": campaign}, place) as events:
             for event in events:
@@ -255,10 +255,10 @@ class Events:
 
 
 def find_token(given: str | None) -> str | None:
-    """Return the key that was given, or else that of the environment, if there is one.
+    """Return the given key, or else the key in the environment, if there is one.
 
     Raises:
-        InvalidValue: it does not look like one; what was given is not repeated.
+        InvalidValue: it does not look like a key; the error does not repeat the text.
     """
     token = (os.environ.get(KEY_VARIABLE, "") if given is None else given).strip()
     # Found here, since a service would count it as a failed login; white space comes from `$(cat)`.

@@ -35,7 +35,7 @@ Picked = dict[str, Value | None]
 
 
 class ExportFormat(StrEnum):
-    """As what episodes are written."""
+    """File format of exported episodes."""
 
     CSV = "csv"
     NDJSON = "ndjson"
@@ -46,10 +46,10 @@ class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Contents of an export; see docs/episodes.md.
 
     Attributes:
-        filter: conditions on its episodes.
-        sort: their order.
-        fields: columns; all of them if none is named.
-        noise: whether each episode's z comes along, as `<channel>_z`: on a road `longitudinal_z`
+        filter: conditions on the episodes.
+        sort: order of the episodes.
+        fields: columns; empty for all columns.
+        noise: whether z of each episode is included, as `<channel>_z`: on a road `longitudinal_z`
             and `lateral_z`. [sigma]
     """
 
@@ -60,13 +60,13 @@ class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ExportOptions(TypedDict, total=False):
-    """Which episodes and columns an export holds.
+    """Selection of the episodes and columns of an export.
 
     Attributes:
-        filter: conditions on its episodes.
-        sort: their order.
-        fields: columns; all of them if none is named.
-        noise: whether each episode's z comes along. [sigma]
+        filter: conditions on the episodes.
+        sort: order of the episodes.
+        fields: columns; empty for all columns.
+        noise: whether z of each episode is included. [sigma]
     """
 
     filter: str
@@ -76,7 +76,7 @@ class ExportOptions(TypedDict, total=False):
 
 
 class FailureFields(TypedDict, total=False):
-    """Which failures of all campaigns are listed, and in which order.
+    """Selection and order of the listed failures of all campaigns.
 
     Attributes:
         project: project of the campaigns.
@@ -84,7 +84,7 @@ class FailureFields(TypedDict, total=False):
         planner_version: version of the planner, as the campaigns state it.
         method: method of the campaigns.
         archived: whether failures of archived campaigns are listed, too.
-        sort: -severity, the most severe first, or severity.
+        sort: -severity for the most severe first, or severity.
     """
 
     project: str | None
@@ -98,7 +98,7 @@ class FailureFields(TypedDict, total=False):
 class Episodes:
     """Read, replay and export episodes.
 
-    Filters, sorts and columns are those of docs/episodes.md. Every method raises
+    docs/episodes.md describes filters, sort orders and columns. Every method raises
     ServiceUnreachable if no service answers.
     """
 
@@ -139,18 +139,18 @@ class Episodes:
 
         Args:
             campaign: the campaign, or its id.
-            outcome: only those that ended like this: collision, safe or errored; the same as a
+            outcome: only episodes with this outcome: collision, safe or errored; equivalent to a
                 condition of the filter.
             filter: conditions such as "severity > 80 and min_ttc_s < 1.5".
-            sort: a column, or -column for the largest first; without a value they come last.
-            fields: columns of each episode that are returned, as a dict; all of it, as an
-                EpisodeRow, if none is named.
+            sort: a column, or -column for the largest first; episodes without a value come last.
+            fields: columns to return of each episode, as a dict; if empty, each row is a whole
+                EpisodeRow.
 
         Raises:
             NotFound: no such campaign.
-            UnknownName: a column or a value that there is not.
-            InvalidValue: a filter that cannot be read, the error says where; or fields that are
-                one text.
+            UnknownName: a column or a value does not exist.
+            InvalidValue: the filter cannot be parsed (the error gives the position), or `fields` is
+                a single text.
         """
         # A text is a sequence of letters, each of which would be an unknown column.
         if isinstance(fields, str):
@@ -171,16 +171,16 @@ class Episodes:
     def list_failures(self, **wanted: Unpack[FailureFields]) -> Rows[EpisodeRow]:
         """List the collisions of all campaigns by severity, loaded page by page on demand.
 
-        Violations without a collision have no severity and are not listed, nor are, unless
-        `method` names them, those of campaigns that repeat earlier failures.
+        Violations without a collision are left out, since they do not have a severity. Failures of
+        methods that repeat earlier failures are left out unless `method` names such a method.
 
         Args:
-            wanted: project, planner, planner_version and method of the campaigns, and whether
-                those of archived ones are listed (`archived`);
+            wanted: project, planner, planner_version and method of the campaigns; `archived`:
+                whether failures of archived campaigns are listed;
                 sort: -severity for the most severe first, or severity.
 
         Raises:
-            UnknownName: no such order.
+            UnknownName: unknown order.
         """
         asked = read_fields(wanted, FailureRequest)
         parse_failure_sort(asked.sort)
@@ -194,22 +194,22 @@ class Episodes:
         format: ExportFormat | str | None = None,  # noqa: A002 - as for files elsewhere
         **wanted: Unpack[ExportOptions],
     ) -> Path:
-        """Write finished episodes of a campaign to a file; it is there whole, or not at all.
+        """Write finished episodes of a campaign to a file, either completely or not at all.
 
         Args:
             campaign: the campaign, or its id.
-            path: path of the file; one that is there is replaced.
-            format: csv, ndjson or parquet; by the file's name if it is not given.
-            wanted: filter, sort and fields as in `list`; noise=True for z, in Parquet.
+            path: path of the file; an existing file is replaced.
+            format: csv, ndjson or parquet; None chooses by the file's name.
+            wanted: filter, sort and fields as in `list`; noise=True adds z, in Parquet only.
 
         Returns:
             The path.
 
         Raises:
             NotFound: no such campaign.
-            UnknownName: a format, column or value that there is not.
-            InvalidValue: a filter that cannot be read, or a format that cannot hold what is
-                wanted, or that the service cannot write.
+            UnknownName: a format, column or value does not exist.
+            InvalidValue: the filter cannot be parsed, the format cannot hold the data, or the
+                service cannot write the format.
             ServiceError: the file cannot be written.
         """
         request = read_fields(wanted, ExportRequest)
@@ -228,29 +228,29 @@ class Episodes:
         format: str | None = None,  # noqa: A002 - as for files elsewhere
         ego: EgoControl | str = EgoControl.RECORDED,
     ) -> Path:
-        """Write one episode to a file of another tool; it is there whole, or not at all.
+        """Write one episode to a file of another tool, either completely or not at all.
 
-        An episode whose scene was not kept is run again by the service.
+        If the scene of the episode was not kept, the service runs the episode again.
 
         Args:
-            campaign: the campaign, or its id; or the episode, as lists have it.
-            index: the episode, or its index; left out where `campaign` is the episode:
+            campaign: the campaign, or its id; or the episode, as listed.
+            index: the episode, or its index; left out if `campaign` is the episode:
                 `export_recording(row, "failure.gif")`.
-            path: path of the file; one that is there is replaced.
-            format: openscenario (a ZIP archive), mcap, gif or another one for which the service
-                has a plug-in; by the file's name if it is not given.
-            ego: `recorded`: the ego repeats its course; `controller`: it is left to a controller
-                of the simulator. OpenSCENARIO alone has the choice.
+            path: path of the file; an existing file is replaced.
+            format: openscenario (a ZIP archive), mcap, gif or another format for which the service
+                has a plug-in; None chooses by the file's name.
+            ego: `recorded`: the ego repeats its course; `controller`: a controller of the simulator
+                drives the ego. Only OpenSCENARIO offers the choice.
 
         Returns:
             The path.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result yet.
-            UnknownName: the service has no such format, or there is no such kind of ego.
-            InvalidValue: the path is missing, the episode has no vehicles, or the service cannot
-                write the format.
-            Conflict: its scene was not kept, and a replay of it differs.
+            NotFound: no such campaign, or no result of the episode yet.
+            UnknownName: the format or the kind of ego does not exist.
+            InvalidValue: the path is missing, the episode is without vehicles, or the service
+                cannot write the format.
+            Conflict: the scene was not kept, and a replay of the episode differs.
             ServiceError: the file cannot be written, or the episode cannot be run again.
         """
         episode, named = split_text("path", index, path)
@@ -261,10 +261,10 @@ class Episodes:
         return file
 
     def get(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> EpisodeDetail:
-        """One result with its class, its noise and, where it was kept, its scene.
+        """Return one result with its class, its noise and, if it was kept, its scene.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result yet.
+            NotFound: no such campaign, or no result of the episode yet.
         """
         result = self._link.get(locate_episode(campaign, index), EpisodeDetail)
         # JSON forgets the shape (steps, channels) where there is no step.
@@ -274,37 +274,37 @@ class Episodes:
         return msgspec.structs.replace(result, noise=noise)
 
     def worker(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> Presence:
-        """Who ran an episode, where, and with which versions.
+        """Return the worker that ran an episode, with its host, process and versions.
 
         Raises:
-            NotFound: no such episode, or nothing is known of its worker any more.
+            NotFound: no such episode, or its worker is no longer known.
         """
         return self._link.get(f"{locate_episode(campaign, index)}/worker", Presence)
 
     def explanation(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> Explanation:
-        """An episode run again by the service, with its planner's account of each step.
+        """Run an episode again on the service, and return its planner's account of each step.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result yet.
+            NotFound: no such campaign, or no result of the episode yet.
             UnknownName: the service does not have a plug-in of the campaign.
             InvalidValue: the episode cannot be run again.
-            ServiceError: too many wait for an explanation already.
+            ServiceError: too many explanations are waiting already.
         """
         return self._link.get(f"{locate_episode(campaign, index)}/explanation", Explanation)
 
     def replay(
         self, campaign: CampaignLike, index: EpisodeLike | None = None, scale: float = 1.0
     ) -> Campaign:
-        """A new campaign of one episode that injects this one's noise again, queued.
+        """Queue and return a new campaign of one episode that injects this episode's noise again.
 
         Args:
             campaign: the campaign, or its id.
             index: the episode, or its index.
-            scale: scale by which the noise is multiplied, 0.1 to 2; 1 injects it as it was.
+            scale: factor for the noise, 0.1 to 2; 1 injects the recorded noise.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result yet.
-            InvalidValue: the scale is outside its bounds, or the episode has no noise.
+            NotFound: no such campaign, or no result of the episode yet.
+            InvalidValue: the scale is outside its bounds, or the episode is without noise.
         """
         path = f"{locate_episode(campaign, index)}/replay"
         return self._link.post(path, Campaign, ReplayRequest(scale))
@@ -314,7 +314,7 @@ def _list_parameters(request: ExportRequest, form: ExportFormat) -> dict[str, An
     """Return the parameters of a request for a file.
 
     Raises:
-        InvalidValue: noise is asked for, and the format holds none.
+        InvalidValue: noise is requested, but the format cannot hold it.
     """
     if request.noise and form is not ExportFormat.PARQUET:
         raise InvalidValue("noise", f"{form} holds no noise.", "Use the format parquet.")
@@ -327,10 +327,10 @@ def _list_parameters(request: ExportRequest, form: ExportFormat) -> dict[str, An
 
 
 def _choose_format(path: Path, form: ExportFormat | str | None) -> ExportFormat:
-    """Return the format that was asked for, or that a file's name ends in.
+    """Return the requested format, or else the format that the ending of a file's name gives.
 
     Raises:
-        UnknownName: there is no such format.
+        UnknownName: the format does not exist.
     """
     name = form or path.suffix.removeprefix(".").lower()
     if name not in list(ExportFormat):
@@ -343,12 +343,12 @@ OPENSCENARIO, ARCHIVE = "openscenario", ".zip"
 
 
 def choose_recording_format(path: Path, form: str | None) -> str:
-    """Return the name of the format that was asked for, or that a file's name ends in.
+    """Return the name of the requested format, or else the ending of a file's name.
 
-    Which formats there are, the service knows: plug-ins bring them there.
+    The service checks whether the format exists, since its plug-ins bring the formats.
 
     Raises:
-        InvalidValue: OpenSCENARIO is to be written to a file that is not named as an archive.
+        InvalidValue: OpenSCENARIO is to be written to a file whose name is not an archive's.
     """
     suffix = path.suffix.lower()
     name = form or (OPENSCENARIO if suffix == ARCHIVE else suffix.removeprefix("."))

@@ -54,7 +54,7 @@ class CampaignFields(_DefaultedFields):
 
 
 class CampaignChanges(_DefaultedFields, total=False):
-    """Fields of a campaign, any of which may be left out."""
+    """Fields of a campaign, all optional."""
 
     name: str
     method: str
@@ -62,7 +62,7 @@ class CampaignChanges(_DefaultedFields, total=False):
 
 
 class AnalysisFields(TypedDict, total=False):
-    """Fields of `eigenfail.values.AnalysisSettings`, any of which may be left out."""
+    """Fields of `eigenfail.values.AnalysisSettings`, all optional."""
 
     align: str
     components: int
@@ -77,7 +77,7 @@ class AnalysisFields(TypedDict, total=False):
 
 
 def refuse_fields_beside(parameter: str, whole: object, fields: Mapping[str, object]) -> None:
-    """Check that fields are not given together with the whole value that has them.
+    """Refuse single fields that are given together with the whole value.
 
     Raises:
         InvalidValue: both are given.

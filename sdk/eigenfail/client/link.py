@@ -1,4 +1,4 @@
-"""Requests, tried again where that is safe; answers, raising what the service raised."""
+"""Requests to a service, repeated if that is safe; its errors are raised here again."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -50,19 +50,19 @@ def wait_until(
     timeout_s: float | None,
     describe: Callable[[Kind], str] = lambda _seen: "The operation",
 ) -> Kind:
-    """Return the first look for which `is_over` is true.
+    """Poll `look` until `is_over` is true of its value, and return that value.
 
-    A service that was there once may be away for a minute, to be started anew.
+    After the first answer the service may be unreachable for a minute, for example to restart.
 
     Args:
-        look: returns what is waited for as it is now.
-        is_over: whether it has ended.
-        poll_s: time between two looks.
-        timeout_s: give up after this time; None waits for ever.
-        describe: names it, with its progress, for the error.
+        look: returns the present state of the operation.
+        is_over: whether the operation has ended.
+        poll_s: time between two polls.
+        timeout_s: time limit; None waits forever.
+        describe: returns the operation's name and progress, for the error.
 
     Raises:
-        WaitTimeout: it is not over in time; it goes on all the same.
+        WaitTimeout: it did not end in time; it continues to run.
     """
     latest_s = inf if timeout_s is None else monotonic() + timeout_s
     # The first look fails at once: a service that is not there, or a wrong address, is no restart.
@@ -79,7 +79,7 @@ def wait_until(
 
 
 def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) -> Kind:
-    """Return the look as soon as the service answers; raise its absence after some time."""
+    """Return the state once the service answers; raise ServiceUnreachable after a time limit."""
     for tries in count():
         try:
             return look()
@@ -164,14 +164,14 @@ def ask_again(ask: Callable[[], Answer]) -> Answer:
 
 
 def is_worth_retrying(error: httpx2.HTTPError) -> bool:
-    """Whether the service was busy, or nothing came back."""
+    """Return whether the service was busy or did not answer."""
     if isinstance(error, httpx2.HTTPStatusError):
         return error.response.status_code in BUSY
     return isinstance(error, httpx2.TransportError)
 
 
 def find_pause(error: httpx2.HTTPError, tried: int) -> float:
-    """How long to wait: as the service says, or else longer after each try. [s]"""
+    """Return how long to wait: as the service says, or else longer after each try. [s]"""
     if isinstance(error, httpx2.HTTPStatusError):
         asked = error.response.headers.get("Retry-After", "")
         if asked.isdecimal():
@@ -202,13 +202,13 @@ Params = Mapping[str, int | str | None]
 
 
 class Extent(msgspec.Struct, frozen=True):
-    """How the rows of a list are counted and read from the last one on, and what is in them.
+    """Ways to count the rows of a list and to read it backwards, and the fields of a row.
 
     Attributes:
         count: returns the number of rows; None: they are counted one by one.
-        reverse: the parameters with which the same list begins with its last row; None if there
-            is no such order.
-        fields: names of the fields that were asked for; empty: rows are whole values.
+        reverse: parameters that list the same rows in reverse order; None if that order does not
+            exist.
+        fields: names of the requested fields; empty: rows are whole values.
     """
 
     count: Callable[[], int] | None = None
@@ -217,15 +217,15 @@ class Extent(msgspec.Struct, frozen=True):
 
 
 class Link:
-    """The way to one service.
+    """HTTP connection to one service.
 
     Args:
         base_url: URL of the service, without /api/v1.
-        transport: instead of sockets.
-        key: the API key sent with each request; None for none.
+        transport: replaces sockets.
+        key: API key sent with each request; None sends no key.
 
     Raises:
-        InvalidValue: the address is none of HTTP.
+        InvalidValue: the address is not an HTTP address.
     """
 
     def __init__(
@@ -259,7 +259,7 @@ class Link:
         return self._repeatedly("GET", path, params=params, timeout=timeout)
 
     def chunks(self, path: str, params: Params) -> Iterator[bytes]:
-        """The bytes of a file of any size, as they come; asked for once."""
+        """Yield the bytes of a file of any size as they arrive; the request is sent once."""
         asked = _drop_missing(params)
         with self._understood(), self._http.stream("GET", http.PREFIX + path, params=asked) as file:
             # The body of a stream is not read by itself, and a refusal says in it what is wrong.
@@ -269,7 +269,7 @@ class Link:
             yield from file.iter_bytes()
 
     def post(self, path: str, kind: type[Kind], body: object = None) -> Kind:
-        """Have something done: asked once."""
+        """POST a request once, and return its answer."""
         # An answer that was lost does not say whether it was done: a second key would be made.
         with self._understood():
             return http.decode(self._once("POST", path, content=_encode_body(body)), kind)
@@ -277,13 +277,13 @@ class Link:
     def post_once_only(
         self, path: str, kind: type[Kind], body: object = None, key: str | None = None
     ) -> Kind:
-        """Have something done that the service does once, however often it is asked.
+        """POST a request that the service carries out once, even if it is sent repeatedly.
 
         Args:
             path: path of the request.
             kind: kind of its answer.
             body: the content of the request.
-            key: idempotency key of this request, for ever; None makes one for this call.
+            key: permanent idempotency key of this request; None makes one for this call.
         """
         # The same key at each try: an answer that was lost must not make a second campaign.
         headers = {http.IDEMPOTENCY_KEY: key or str(uuid4())}
@@ -291,11 +291,11 @@ class Link:
         return http.decode(answer, kind)
 
     def put(self, path: str, kind: type[Kind], body: object) -> Kind:
-        """Set something, which is the same however often it is asked."""
+        """PUT a value; a repeated request has the same effect as one."""
         return http.decode(self._repeatedly("PUT", path, content=_encode_body(body)), kind)
 
     def delete(self, path: str, kind: type[Kind]) -> Kind:
-        """Have something taken away, which is the same however often it is asked."""
+        """DELETE a path; a repeated request has the same effect as one."""
         return http.decode(self._repeatedly("DELETE", path), kind)
 
     def pages(
@@ -311,9 +311,9 @@ class Link:
         Args:
             path: path of the list.
             kind: kind of its pages.
-            cursor: the parameter that asks for the next page.
-            params: further ones.
-            extent: how its rows are counted and read from the last one on.
+            cursor: name of the parameter that requests the next page.
+            params: further parameters.
+            extent: ways to count the rows and to read them backwards.
         """
         known = extent or Extent()
 
@@ -341,7 +341,7 @@ class Link:
         """Return the number of items that match a request, on all pages of a list together.
 
         Raises:
-            ProtocolError: the service does not say.
+            ProtocolError: the service does not report the number.
         """
         page = self.get(path, Page[Any], {**(params or {}), "limit": 1, "total": "true"})
         if isinstance(page.total, msgspec.UnsetType):
@@ -352,7 +352,7 @@ class Link:
     def stream(
         self, path: str, params: Params, headers: Mapping[str, str]
     ) -> Iterator[Iterator[httpx2.ServerSentEvent]]:
-        """Server-sent events, until the connection ends; its end is a httpx2.TransportError."""
+        """Yield server-sent events; the end of the connection is a httpx2.TransportError."""
         asked = _drop_missing(params)
         with self._http.sse(
             http.PREFIX + path, params=asked, headers=dict(headers), timeout=STREAM_TIMEOUT
@@ -363,7 +363,7 @@ class Link:
             yield iter(source)
 
     def trouble(self, path: str) -> errors.EigenfailError | None:
-        """The complaint of a path outside the API; ServiceUnreachable if nothing answers."""
+        """Return the error that a path outside the API reports; ServiceUnreachable if no answer."""
         try:
             answer = self._http.get(path, timeout=3.0)
         except httpx2.TransportError as error:
@@ -371,11 +371,11 @@ class Link:
         return None if answer.is_success else read_refusal(answer)
 
     def close(self) -> None:
-        """Let go of all connections."""
+        """Close all connections."""
         self._http.close()
 
     def unreachable(self, error: httpx2.TransportError) -> errors.ServiceUnreachable:
-        """The error to raise if nothing came back."""
+        """Return the error to raise if no answer came."""
         return errors.ServiceUnreachable(
             f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
             "Start one with `eigenfail up`, or give the address of one that runs, not of its hub"
@@ -391,7 +391,7 @@ class Link:
 
     @contextmanager
     def _understood(self) -> Iterator[None]:
-        """Turn what the transport raises into what users are promised."""
+        """Turn errors of the transport into the documented errors of the client."""
         # Without this, httpx2 raises a RuntimeError, which no caller catches.
         if self._http.is_closed:
             problem = f"This client of {self.base_url} is closed, maybe with its service."
@@ -410,8 +410,8 @@ def reverse_order(params: Params, sort: SortOrder, key: str) -> Params | None:
     Args:
         params: parameters of the list.
         sort: its order.
-        key: the column that every row has and no two rows share; by any other one, rows without a
-            value come last both ways, so that the answer is None.
+        key: column with a unique value in every row. The result is None for an order by another
+            column, since rows without a value then come last in both directions.
     """
     if sort.column != key:
         return None

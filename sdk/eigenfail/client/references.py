@@ -1,4 +1,4 @@
-"""Ids and paths of campaigns, episodes and others that are given as ids or as objects."""
+"""Ids and paths of campaigns, episodes and others, which callers give as ids or as objects."""
 
 from collections.abc import Iterable, Mapping
 from operator import index as convert_index
@@ -55,8 +55,8 @@ def find_campaign_id(campaign: CampaignLike) -> int:
     """Return the id of a campaign.
 
     Raises:
-        InvalidValue: the value is neither an id nor an object of a campaign, or an episode that
-            does not say its campaign.
+        InvalidValue: the value is neither an id nor an object of a campaign, or is an episode that
+            does not state its campaign.
     """
     if isinstance(campaign, EpisodeResult) and _get_campaign(campaign) is None:
         raise InvalidValue(
@@ -84,7 +84,7 @@ def find_episode_id(campaign: CampaignLike, index: EpisodeLike | None) -> tuple[
     """Return campaign and index of an episode.
 
     Args:
-        campaign: its campaign; or the episode itself, as lists have it.
+        campaign: its campaign; or the episode itself, as listed.
         index: the episode; None if `campaign` is the episode.
 
     Raises:
@@ -111,18 +111,18 @@ def locate_campaign(campaign: CampaignLike) -> str:
 def split_text(
     parameter: str, item: EpisodeLike | ModeLike | str | Path | None, text: object
 ) -> tuple[Any, str | Path]:
-    """Return the second thing that a call names, and the text behind it.
+    """Return the item and the text that follow the first argument of a call.
 
-    An episode or mode that says to whom it belongs may stand alone: `(row, "failure.gif")` is
-    `(campaign, index, "failure.gif")`. The second thing is then None.
+    An episode or mode that states its campaign or analysis may be the only object:
+    `(row, "failure.gif")` means `(campaign, index, "failure.gif")`. The returned item is then None.
 
     Args:
         parameter: name of the text.
-        item: the second argument; the text, if the first argument stands alone.
-        text: the third argument; None if the second one is the text.
+        item: second argument of the call; the text, if the first argument is the only object.
+        text: third argument of the call; None if the second argument is the text.
 
     Raises:
-        InvalidValue: there is no text.
+        InvalidValue: the text is missing or is not a text.
     """
     if text is None and isinstance(item, str | Path):
         return None, item
@@ -152,7 +152,7 @@ def locate_mode(analysis: AnalysisLike, mode: ModeLike | None = None) -> str:
     """Return the path of a failure mode in the API.
 
     Args:
-        analysis: its analysis; or the mode itself, as lists have it.
+        analysis: its analysis; or the mode itself, as listed.
         mode: the mode; None if `analysis` is the mode.
 
     Raises:

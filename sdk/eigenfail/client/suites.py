@@ -1,4 +1,4 @@
-"""Suites, as a client sees them: a service knows their campaigns, by name and spec."""
+"""Suites, as a client sees them: a service finds their campaigns by name and spec."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -24,7 +24,7 @@ Seen = tuple[Campaign | None, ...]
 
 
 class Suites:
-    """Run sets of campaigns as one; finished campaigns are found, and never run twice.
+    """Run sets of campaigns as one; finished campaigns are found and not run again.
 
     Every method raises ServiceUnreachable if no service answers.
     """
@@ -34,14 +34,14 @@ class Suites:
         self._campaigns = campaigns
 
     def find(self, suite: Suite) -> Seen:
-        """The campaign of each member, in order; None if there is none yet."""
+        """Return the campaign of each member, in order; None if it does not exist yet."""
         found = self._found(suite)
         return tuple(found.get(member.name) for member in suite.members)
 
     def create(self, suite: Suite) -> Seen:
-        """The campaign of each member, in order; those that are missing are queued.
+        """Queue the missing campaigns of a suite, and return each member's campaign, in order.
 
-        None for those that build upon members that are not done: see `run`.
+        None for members that build upon members that are not done: see `run`.
 
         Raises:
             UnknownName: a plug-in, setting or parameter that does not exist.
@@ -56,17 +56,17 @@ class Suites:
         return tuple((found | made).get(member.name) for member in suite.members)
 
     def start(self, suite: Suite) -> Seen:
-        """The same, and those that are paused go on.
+        """Do the same as `create`, and resume paused campaigns.
 
         Raises:
             UnknownName: a plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
-            ServiceError: one that is being paused does not come to rest.
+            ServiceError: a campaign that is being paused does not come to rest.
         """
         return tuple(campaign and self._awake(campaign) for campaign in self.create(suite))
 
     def pause(self, suite: Suite) -> Seen:
-        """Let those that have not ended rest once their rounds at work are in."""
+        """Pause the campaigns that have not ended, once their running rounds are complete."""
         for campaign in self.find(suite):
             if campaign is not None and campaign.state not in AT_REST:
                 with suppress(IllegalTransition):  # it ended in the meantime
@@ -80,16 +80,16 @@ class Suites:
         poll_s: float = 0.3,
         timeout_s: float | None = None,
     ) -> Seen:
-        """Return the campaigns once all of them have ended or are paused.
+        """Wait until all campaigns of a suite have ended or are paused, and return them.
 
         Args:
-            suite: whose campaigns.
-            on_progress: called with each campaign after every poll, the last one included.
-            poll_s: time between two looks.
-            timeout_s: give up after this time; None waits for ever.
+            suite: the suite.
+            on_progress: called with each campaign after every poll, including the last.
+            poll_s: time between two polls.
+            timeout_s: time limit; None waits forever.
 
         Raises:
-            WaitTimeout: they did not end in time; they go on all the same.
+            WaitTimeout: they did not end in time; they continue to run.
         """
         look = telling(lambda: self.find(suite), on_progress)
         return wait_until(look, are_at_rest, poll_s, timeout_s, _describe_rest)
@@ -101,44 +101,43 @@ class Suites:
         poll_s: float = 0.3,
         timeout_s: float | None = None,
     ) -> Seen:
-        """Start all of a suite, members that build upon others once these are done, and wait.
+        """Run a suite and wait; dependents start once the members they build upon are done.
 
-        If one of those is cancelled or dead, or was paused by a user, there is no campaign of a
-        member that builds upon it.
+        If a campaign is cancelled, dead or paused by a user, its dependents are not created.
 
         Args:
-            suite: whose campaigns.
-            on_progress: called with each campaign after every poll, the last one included.
-            poll_s: time between two looks.
-            timeout_s: give up after this time; None waits for ever.
+            suite: the suite.
+            on_progress: called with each campaign after every poll, including the last.
+            poll_s: time between two polls.
+            timeout_s: time limit; None waits forever.
 
         Raises:
             UnknownName: a plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
-            WaitTimeout: they did not end in time; they go on all the same.
+            WaitTimeout: they did not end in time; they continue to run.
         """
         self.start(suite)
         look = telling(lambda: self.create(suite), on_progress)
         return wait_until(look, are_at_rest, poll_s, timeout_s, _describe_rest)
 
     def summaries(self, suite: Suite) -> tuple[Summary | None, ...]:
-        """The findings of each member so far, in order; None if there is no campaign yet."""
+        """Return each member's findings so far, in order; None if its campaign is missing."""
         return tuple(
             self._campaigns.summary(campaign.id) if campaign else None
             for campaign in self.find(suite)
         )
 
     def over_seeds(self, suite: Suite) -> tuple[SeedSpread, ...]:
-        """Mean and spread of the members that differ in their seeds alone, group by group."""
+        """Return mean and spread of each group of members that differ only in their seeds."""
         ids = [campaign.id for campaign in self.find(suite) if campaign]
         return self._campaigns.over_seeds(ids) if suite.has_seeds and ids else ()
 
     def list(self) -> Rows[SuiteStanding]:
-        """All suites that have campaigns, those with the newest ones first."""
+        """List all suites that have campaigns, those with the newest campaigns first."""
         return self._link.pages("/suites", Page[SuiteStanding], "before")
 
     def table(self, suite: SuiteLike) -> SuiteTable:
-        """The newest campaign of each member of a suite, and what differs between them.
+        """Return the newest campaign of each member of a suite, and their differing settings.
 
         Args:
             suite: the suite, or its name.
@@ -149,7 +148,7 @@ class Suites:
         return self._link.get(f"/suites/{quote(find_suite_name(suite), safe='')}", SuiteTable)
 
     def _found(self, suite: Suite) -> dict[str, Campaign]:
-        """The campaigns of members that have one, by the members' names."""
+        """Return the existing campaigns of members, by the members' names."""
         alike: dict[str, list[Campaign]] = {member.spec.name: [] for member in suite.members}
         named = dict.fromkeys(suite_of(name) for name in alike)
         # An archived member has its results: it is not run again.
@@ -174,7 +173,7 @@ class Suites:
 def telling(
     see: Callable[[], Seen], on_progress: Callable[[Seen], None] | None
 ) -> Callable[[], Seen]:
-    """Return a look that is also reported, if there is a reporter."""
+    """Return a function that returns what `see` returns, and also reports it if possible."""
 
     def look() -> Seen:
         seen = see()
@@ -191,5 +190,5 @@ def _describe_rest(campaigns: Seen) -> str:
 
 
 def are_at_rest(campaigns: Seen) -> bool:
-    """Whether none is at work, or about to be."""
+    """Return whether no campaign is running or queued."""
     return all(campaign is None or campaign.state in AT_REST for campaign in campaigns)

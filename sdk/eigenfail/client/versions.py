@@ -19,19 +19,19 @@ class Releases:
         self._link = link
 
     def list(self, project: str | None = None) -> tuple[ReleaseQuestion, ...]:
-        """The scenarios in which versions of a planner were tested, the newest first.
+        """List the scenarios that versions of a planner were tested in, newest first.
 
         Args:
-            project: project that the campaigns belong to; None: any.
+            project: project of the campaigns; None: any.
         """
         asked = {} if project is None else {"project": project}
         return self._link.get("/releases", Page[ReleaseQuestion], asked).items
 
     def get(self, campaign: CampaignLike) -> ReleaseTable:
-        """The versions tested as in a campaign, with what became of each failure mode.
+        """Return the versions tested in a campaign's setup, with the fate of each failure mode.
 
         Args:
-            campaign: a campaign, or its id, that names the version of its planner.
+            campaign: a campaign, or its id; it must name the version of its planner.
 
         Raises:
             NotFound: no such campaign, or it names no version.
@@ -49,11 +49,11 @@ class Gates:
         self._link = link
 
     def list(self) -> Rows[GateSummary]:
-        """The results of gates, newest first, without their reports."""
+        """List the results of gates, newest first, without their reports."""
         return self._link.pages("/gates", Page[GateSummary], "before")
 
     def get(self, gate: int | GateSummary) -> GateResult:
-        """The result of a gate, with its report.
+        """Return the result of a gate, with its report.
 
         Args:
             gate: id of the result, or its line in the list.
@@ -68,8 +68,8 @@ class Gates:
     def record(self, report: GateReport) -> GateSummary:
         """Store the report of a gate, and log its verdict.
 
-        `eigenfail gate` does so. A report that is sent again is stored once. One that is too large
-        is stored as `shorten_report` returns it.
+        `eigenfail gate` calls it. A report that is sent again is stored once. A report that is too
+        large is shortened by `shorten_report`.
 
         Raises:
             InvalidValue: the verdict does not follow from the members of the report.

@@ -1,4 +1,4 @@
-"""Contracts of what chooses disturbances: learners, and the methods that make them."""
+"""Contracts of the parts that choose disturbances: learners, and methods that make learners."""
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -16,10 +16,10 @@ class Learner(Protocol):
     """State of a running method. Pure: without socket, database and clock.
 
     Attributes:
-        lookahead: number of rounds that may be open besides the oldest one; with 0, each round is
-            proposed after all earlier ones were observed; with 1, a policy is trained on rounds up
-            to k-1 while round k runs. It may change with each proposal and observation: 0 while the
-            next round waits for the results of open ones.
+        lookahead: number of rounds that may be open besides the oldest one. With 0, each round is
+            proposed after all earlier rounds were observed. With 1, a policy is trained on rounds
+            up to k-1 while round k runs. It may change with each proposal and observation: 0 while
+            the next round waits for the results of open rounds.
     """
 
     lookahead: int
@@ -31,7 +31,7 @@ class Learner(Protocol):
         """Learn from the results of a complete round in index order, errored episodes included."""
 
     def state(self) -> bytes:
-        """Return a state from which the learner goes on bit for bit, without pickle."""
+        """Return a state, not pickled, that `restore` continues from bit for bit."""
 
     def restore(self, state: bytes) -> None:
         """Restore a state of `state`.
@@ -67,7 +67,7 @@ class Trained(Protocol):
 
 
 class Reference(StrEnum):
-    """The part that a method takes of an earlier campaign or analysis, which its settings name."""
+    """Part of an earlier campaign or analysis that a method uses; its settings name which one."""
 
     NOISE = "noise"
     """Noise trajectories to inject again."""
@@ -93,7 +93,7 @@ class Injection(StrEnum):
 
 
 class ModeProbability(StrEnum):
-    """Way in which the probability of a failure mode follows from a campaign's episodes."""
+    """Way to find the probability of a failure mode from a campaign's episodes."""
 
     UNKNOWN = "unknown"
     COUNTS = "counts"
@@ -117,29 +117,29 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
             failures is a failure rate.
         independent: whether its episodes are independent draws of one distribution, p(x) or
             another one, so that means over them have an interval.
-        bounds_probability: whether its estimate is one of P(failure) itself, with a log-normal
-            interval, where `draws_from_prior` is false.
+        bounds_probability: whether it estimates P(failure) itself, with a log-normal interval, if
+            `draws_from_prior` is false.
         learns: whether its proposals improve with the results of earlier episodes.
-        observes: whether its learner uses the results of episodes. One that does not gets
-            index, seed, source, outcome and steps of each, without measures and noise.
+        observes: whether its learner uses the results of episodes. If not, the learner receives
+            only index, seed, source, outcome and steps of each, without measures and noise.
         finds_new: whether its failures are new, rather than repeated from earlier campaigns.
         is_evidence: whether its episodes are evidence, which pruning keeps.
         pairable: whether episodes of equal seed and settings have the same noise, independent of
             earlier results.
-        tolerates_delay: whether it keeps as many rounds open as `parallel` of its context takes:
-            proposals then do not wait for the results of the last rounds, or those of chains for
-            their own chains alone.
+        tolerates_delay: whether it keeps as many rounds open as `parallel` of its context needs.
+            Proposals then do not wait for the results of the last rounds; proposals of chains wait
+            only for their own chains.
         has_members: whether its settings name the `method` and `settings` of several learners.
-        needs_course: whether it continues episodes from one of their steps, which functions do not
-            have, and for which the scenario must be the same in each episode.
+        needs_course: whether it continues episodes from one of their steps. Functions do not have
+            steps to continue from, and the scenario must be the same in each episode.
         injects: recorded noise that it needs.
-        mode_probability: way in which the probability of a failure mode is found.
+        mode_probability: way to find the probability of a failure mode.
         chart_mark: index of its colour and shape in charts; None derives one from its name.
-        references: settings that name earlier campaigns or analyses, with what it takes from them.
-            Noise is named by `analysis` or `campaign` alone. If `analysis` names noise, `mode`,
-            `modes` and `what` say which; where `campaign` does, `episode` and `episodes`: see the
-            settings of `replay` and `minimal`. A method that declares none may use all these names
-            as it likes: then only what a user gives counts, and only if it is an id, or ids.
+        references: settings that name earlier campaigns or analyses, with the part it uses.
+            Only `analysis` or `campaign` can name noise. If `analysis` names noise, `mode`,
+            `modes` and `what` select it; if `campaign` does, `episode` and `episodes` select it:
+            see the settings of `replay` and `minimal`. A method that declares no references may use
+            all these names freely: then only values that a user gives count, and only ids.
     """
 
     draws_from_prior: bool = False
@@ -168,7 +168,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Method(Protocol):
-    """Makes learners; its `Settings` carry defaults and bounds.
+    """Maker of learners; its `Settings` carry defaults and bounds.
 
     It may declare `traits`, see `MethodTraits`.
     """
@@ -183,9 +183,9 @@ class Method(Protocol):
 class Paced(Protocol):
     """Optional: a method that reports the size of its rounds, after which stop rules are checked.
 
-    For other methods the setting `round_size` is used, if there is one.
+    For other methods, the setting `round_size` is used if it exists.
     """
 
     @staticmethod
     def round_sizes(settings: Any, episodes: int, /) -> RoundSizes:
-        """Return the sizes of rounds for some settings and a number of episodes in all."""
+        """Return the sizes of rounds for the settings and the total number of episodes."""

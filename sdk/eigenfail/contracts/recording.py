@@ -66,7 +66,7 @@ class EpisodeRecording(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=Tru
 
     @property
     def name(self) -> str:
-        """Name of the episode as that of a file, without its ending."""
+        """Name for the episode's file, without its ending."""
         return f"episode-{self.campaign}-{self.index}"
 
     @property
@@ -79,14 +79,14 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
     """Episodes of one failure mode, to be drawn over each other.
 
     Attributes:
-        title: what they are, in words.
-        scenes: courses of the episodes, all with the same time step; the first is the one that
-            the view follows.
-        total: episodes of the mode, of which the scenes may be a sample.
+        title: description of the episodes.
+        scenes: courses of the episodes, all with the same time step; the view follows the first.
+        total: number of episodes in the mode; the scenes may be a sample.
         mission: lanes of the scenario; None if they are not known.
-        aligned_at_end: whether they are aligned at their last step, and not at their first.
-        episodes: campaign and index of each, in the order of the scenes; empty if not told.
-        has_medoid: whether the first one is the medoid of the mode, whose scene may be missing.
+        aligned_at_end: whether scenes are aligned at their last step instead of their first.
+        episodes: campaign and index of each, in the order of the scenes; empty if not known.
+        has_medoid: whether the first scene is the medoid of the mode. False if that scene is
+            missing.
     """
 
     title: str
@@ -100,17 +100,17 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
 
 
 class RecordingFormat(msgspec.Struct, frozen=True, kw_only=True):
-    """Format of another tool in which a single episode is written; plug-ins bring it.
+    """File format of another tool for a single episode; plug-ins bring it.
 
-    An entry point of `eigenfail.exports` names an object of this class. Its own name is the name of
-    the format.
+    An entry point of `eigenfail.exports` names an object of this class. The name of the entry point
+    is the name of the format.
 
     Attributes:
-        title: name of the format for people, such as "OpenSCENARIO".
+        title: readable name of the format, such as "OpenSCENARIO".
         suffix: ending of a file's name, such as ".zip".
         media_type: media type of a file, such as "application/zip".
         write: returns the file of an episode. The same recording gives the same bytes.
-        overlay: returns the file of several episodes over each other; None: the format has none.
+        overlay: returns the file of several episodes over each other; None if not supported.
         has_controller: whether `write` can leave the ego to a controller of the simulator.
     """
 
@@ -123,11 +123,11 @@ class RecordingFormat(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def list_frame_steps(steps: int, dt_s: float) -> list[int]:
-    """Return the steps that an animation shows, the last one among them.
+    """Return the steps that an animation shows, including the last one.
 
     Args:
         steps: steps from the first moment to the last.
-        dt_s: time between two of them.
+        dt_s: duration of a step.
     """
     # Steps are whole, so a little is taken off before rounding up: 0.04 / 0.02 must not become 3.
     every = max(1, ceil(SHORTEST_FRAME_S / dt_s - 1e-6), ceil((steps + 1) / MAX_FRAMES))
@@ -143,9 +143,9 @@ PACKAGE = "eigenfail-exchange"
 
 
 def list_formats() -> dict[str, RecordingFormat]:
-    """Return the formats that can be written here by name, those of `KNOWN` first.
+    """Return the formats that can be written here by name, the formats in `KNOWN` first.
 
-    One that cannot be loaded is left out: who asks for it is told why.
+    A format that cannot be loaded is left out; `find_format` raises the reason.
     """
     installed = plugins.names(plugins.EXPORTS)
     # Buttons of pages keep their places whatever else is installed: known formats come first.
@@ -161,7 +161,7 @@ def find_format(name: str) -> RecordingFormat:
     """Return the format of a name.
 
     Raises:
-        UnknownName: there is no such format.
+        UnknownName: the format does not exist.
         InvalidValue: its package is not installed here, or cannot be loaded.
     """
     installed = plugins.names(plugins.EXPORTS)
@@ -189,11 +189,11 @@ def _describe_absence(name: str, installed: list[str]) -> InputError:
 
 
 def check_format(name: str, ego: EgoControl) -> RecordingFormat:
-    """Return the format of a name, in which the ego can be driven as is asked for.
+    """Return the format of a name, and refuse it if it does not support the control of the ego.
 
     Raises:
-        UnknownName: there is no such format.
-        InvalidValue: the format leaves nothing to a controller, or cannot be written here.
+        UnknownName: the format does not exist.
+        InvalidValue: the format does not support a controller, or cannot be written here.
     """
     found = find_format(name)
     if ego is EgoControl.CONTROLLER and not found.has_controller:

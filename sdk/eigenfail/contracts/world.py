@@ -1,4 +1,4 @@
-"""Contracts of what runs an episode: planner, scenario, simulator and engine."""
+"""Contracts of the parts that run an episode: planner, scenario, simulator and engine."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -14,7 +14,7 @@ from eigenfail.values.scene import Control, Mission, Observation, Perception, Ve
 
 # Protocols, not base classes: planners of others need not import eigenfail to be one.
 class Planner(Protocol):
-    """The system under test. It keeps no state over a reset."""
+    """The system under test. A reset clears all of its state."""
 
     def reset(self, mission: Mission) -> None:
         """Forget everything, and begin a new episode."""
@@ -29,14 +29,18 @@ class ExplainingPlanner(Planner, Protocol):
     def explain(self) -> Mapping[str, str | float]:
         """Return an account of the last step in plain names and values, without changing state.
 
-        Names are free, with units in them. `eigenfail episode explain` understands these, if given:
-        `mode`, `candidate`, `rule`, `override` ("none" if there was none) and `qp_status` ("solved"
-        if there was nothing wrong) in words; `heeds`, the role of the vehicle that it
-        takes into account ("nobody" without one), with `gap_m` and `closing_mps` as it estimates
-        them, and `vehicle`, the number of that vehicle in `Perception.ids`; `tracks`, the states of
-        all tracks; `lost_tracks`, their losses since the reset, and `lost_vehicles`, a text with
-        the numbers of those that were lost in this step. Without numbers, estimates stand beside
-        the truth only if there is one other vehicle.
+        Names are free; they include units. `eigenfail episode explain` understands these names:
+
+        - `mode`, `candidate`, `rule`: words.
+        - `override`: words, "none" without an override.
+        - `qp_status`: words, "solved" without a problem.
+        - `heeds`: role of the vehicle that the planner takes into account, or "nobody".
+        - `gap_m`, `closing_mps`: the planner's estimates for that vehicle.
+        - `vehicle`: number of that vehicle in `Perception.ids`. Without it, estimates are compared
+          with the truth only if there is a single other vehicle.
+        - `tracks`: states of all tracks.
+        - `lost_tracks`: number of lost tracks since the reset.
+        - `lost_vehicles`: numbers of the vehicles that were lost in this step, as text.
         """
 
 
@@ -51,8 +55,7 @@ class SignallingPlanner(Planner, Protocol):
     """Optional: a planner that reports numbers, for the formulas of requirements.
 
     Attributes:
-        signal_names: their names, such as `lost_tracks`; a formula has them as
-            `planner.lost_tracks`.
+        signal_names: their names, such as `lost_tracks`; in a formula, `planner.lost_tracks`.
     """
 
     signal_names: ClassVar[tuple[str, ...]]
@@ -76,7 +79,7 @@ class TrackingPlanner(Planner, Protocol):
 
 
 class PlannerPlugin(Protocol):
-    """Makes planners; its `Settings` carry defaults, bounds and units."""
+    """Maker of planners; its `Settings` carry defaults, bounds and units."""
 
     Settings: ClassVar[type[msgspec.Struct]]
 
@@ -88,10 +91,10 @@ class Situation(Protocol):
     """A scenario with its parameters: everything that a simulator needs to stage it.
 
     Attributes:
-        mission: road and task, which the planner is given.
+        mission: road and task for the planner.
         steps: horizon of an episode.
         ego: initial state of the ego.
-        actors: initial states of the other vehicles.
+        actors: initial states of all vehicles except the ego.
     """
 
     mission: Mission
@@ -100,19 +103,19 @@ class Situation(Protocol):
     actors: tuple[VehicleState, ...]
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:
-        """Return the state of a scripted actor after `step` steps, given that of the ego."""
+        """Return the state of a scripted actor after `step` steps, given the ego's state."""
 
 
 class TrafficModel(Protocol):
-    """The other vehicles of one episode: they come, may react to the ego, and go."""
+    """Traffic of one episode: vehicles that come, may react to the ego, and go."""
 
     def advance(self, step: int, ego: VehicleState) -> Mapping[int, VehicleState]:
-        """Return the vehicles that are there after a step, by number from 1; never none.
+        """Return the vehicles that are present after a step, by number from 1; at least one.
 
-        A number that has gone is not used again.
+        The number of a vehicle that has gone is not used again.
 
         Args:
-            step: number of steps so far; the steps are asked for in order, from 1.
+            step: number of steps so far; calls are in order of the steps, from 1.
             ego: the ego after that step.
         """
 
@@ -122,12 +125,12 @@ class ReactiveSituation(Protocol):
     """A situation whose vehicles depend on the course of the episode, or come and go.
 
     Attributes:
-        mission: road and task, which the planner is given.
+        mission: road and task for the planner.
         steps: horizon of an episode.
         ego: initial state of the ego.
-        actors: initial states of the vehicles that are there at the start, numbered from 1.
-        challenges: name of the challenge that each vehicle of the episode is a part of, in the
-            order of the numbers. A collision with it has this cause.
+        actors: initial states of the vehicles that are present at the start, numbered from 1.
+        challenges: name of the challenge that each vehicle of the episode belongs to, in the order
+            of the numbers. It is the cause of a collision with that vehicle.
     """
 
     mission: Mission
@@ -137,7 +140,7 @@ class ReactiveSituation(Protocol):
     challenges: tuple[str, ...]
 
     def start_traffic(self) -> TrafficModel:
-        """Return the traffic of a new episode, at its start."""
+        """Return the traffic at the start of a new episode."""
 
 
 class Scenario(Protocol):
@@ -161,15 +164,15 @@ class Simulation(Protocol):
     steps: int
 
     def reset(self, seed: int) -> Observation:
-        """Begin an episode, and return the observation of its start, step 0."""
+        """Begin an episode, and return the observation of step 0."""
 
     def step(self, disturbance: tuple[float, ...]) -> Observation:
-        """Disturb what the planner perceives, by a value of each channel in its unit.
+        """Run one step with the planner's perception disturbed by one value of each channel.
 
-        An event lasts where its value is 1.
+        Each value has the unit of its channel. An event is active if its value is 1.
 
         Raises:
-            EpisodeError: this episode cannot go on.
+            EpisodeError: this episode cannot continue.
         """
 
     def close(self) -> None:
@@ -177,12 +180,12 @@ class Simulation(Protocol):
 
 
 class Simulator(Protocol):
-    """Opens simulations.
+    """Opener of simulations.
 
     Attributes:
-        channels: the channels that it can inject, in the terms of `values.channels.ALL_CHANNELS`;
-            those of `AXES` at least, which campaigns have unless they name others.
-        occludes: optional; True where it takes `occlusion`.
+        channels: the channels that it can inject, named as in `values.channels.ALL_CHANNELS`. They
+            include `AXES`, the default channels of campaigns.
+        occludes: optional; True if `open` takes `occlusion`.
     """
 
     channels: ClassVar[frozenset[str]]
@@ -193,23 +196,23 @@ class Simulator(Protocol):
         """Return a simulation of the planner in the scenario; it may be reset repeatedly.
 
         Args:
-            scenario: what is staged.
-            parameters: of the scenario.
+            scenario: the scenario to stage.
+            parameters: parameters of the scenario.
             planner: drives the ego.
             channels: channels of each disturbance, in order, with their defaults filled in. Their
-                names are some of `channels`, and `vehicle_1.speed` and so on where these have
-                `every.speed`. Channels of the scenario's parameters are not among them.
+                names are some of the class's `channels`, with `vehicle_1.speed` and so on for
+                `every.speed`. Channels of the scenario's parameters are not included.
 
-        A simulator with `occludes` takes a further argument, `occlusion`: whether vehicles that
-        others hide are not detected. It is given only if it is True.
+        A simulator with `occludes` takes a further argument, `occlusion`: whether vehicles that are
+        hidden by others stay undetected. It is passed only if it is True.
         """
 
 
 class EpisodeEngine(Protocol):
-    """Runs episodes of one campaign, one after the other, in this process."""
+    """Runner of a campaign's episodes, one after another, in this process."""
 
     def add_policy(self, policy: Policy) -> None:
-        """Store a policy version for the policy sources that name it."""
+        """Store a policy version for the policy sources that refer to it."""
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
         """Yield the results in the order of the tasks. Never raises for a fault of an episode."""
@@ -230,11 +233,11 @@ class LockstepEngine(EpisodeEngine, Protocol):
         """Begin an episode for which there is room. Never raises for its faults."""
 
     def turn(self) -> list[EpisodeResult]:
-        """Advance the episodes for a while; return the results of those that have ended."""
+        """Advance the episodes for a while; return the results of episodes that have ended."""
 
 
 class Explainer(Protocol):
-    """Runs one episode in this process to explain it."""
+    """Runner of one episode in this process to explain it."""
 
     def __call__(self, setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
         """Return the episode with the planner's own account of each step.

@@ -28,12 +28,12 @@ Resolve = Callable[[CampaignSpec], CampaignSpec]
 
 
 def name_run(suite: str, version: str) -> str:
-    """The name of a suite that is run for one version of its planners."""
+    """Return the name of a suite's run for one version of its planners."""
     return f"{suite} @ {version}"
 
 
 def select_version(suite: Suite, version: str) -> Suite:
-    """The same campaigns of the version, under its name, so that no other version's are found."""
+    """Return the suite for a version: renamed, so that only campaigns of that version match."""
     run = name_run(suite.name, version)
     members = []
     for each in suite.members:
@@ -43,16 +43,16 @@ def select_version(suite: Suite, version: str) -> Suite:
 
 
 def find_run(campaign: Campaign, member: SuiteMember) -> str:
-    """The name of the run that a campaign of a member belongs to."""
+    """Return the name of the run that a campaign of a member belongs to."""
     return campaign.spec.name.removesuffix(f": {member.name}")
 
 
 def list_differences(
     a: CampaignSpec, b: CampaignSpec, resolve: Resolve = lambda spec: spec
 ) -> tuple[str, ...]:
-    """In which fields two campaigns ask something else of their planners.
+    """Return the fields that make two campaigns test their planners differently.
 
-    Specs that differ as they are given are compared again with their defaults written out.
+    Specs that differ as given are compared again with their defaults written out.
     """
     # Writing out defaults asks the service, which most pairs of campaigns can do without.
     found = list_differing_fields(a, b)
@@ -60,7 +60,7 @@ def list_differences(
 
 
 def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
-    """Return the fields that have other values, apart from those that may differ."""
+    """Return the fields with different values, except fields that may differ."""
     # Two ways to write the same noise, or the same requirements, are no difference.
     if a.disturbance.is_like(b.disturbance):
         b = replace(b, disturbance=a.disturbance)
@@ -73,16 +73,16 @@ def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
 def check_baseline(
     suite: Suite, found: Mapping[str, Campaign], baseline: str, resolve: Resolve = lambda spec: spec
 ) -> None:
-    """Make sure that a baseline can be judged against.
+    """Check that a gate can compare with a baseline.
 
     Args:
         suite: the suite that the gate reruns.
         found: the baseline's campaigns by the name of the member.
-        baseline: as the user named it, for errors.
+        baseline: the baseline as the user named it, for errors.
         resolve: writes out the defaults of a spec.
 
     Raises:
-        InvalidValue: no member is in it, or one asks something else of its planner.
+        InvalidValue: it does not contain any member, or one tests its planner differently.
         Conflict: one of its campaigns is not done, or completed no episode.
     """
     if not found:
@@ -114,10 +114,10 @@ def check_baseline(
 def find_counterpart(
     member: SuiteMember, campaigns: Sequence[Campaign], resolve: Resolve = lambda spec: spec
 ) -> Campaign | None:
-    """Which of some campaigns is the member's: that of its name, or else of its question.
+    """Return the campaign that belongs to a member: by its name, or else by equal settings.
 
     Raises:
-        InvalidValue: more than one could be.
+        InvalidValue: more than one campaign matches.
     """
     # Members that vary a planner's settings alone ask the same: only names tell them apart.
     named = [each for each in campaigns if each.spec.name.endswith(f": {member.name}")]

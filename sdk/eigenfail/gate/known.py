@@ -23,16 +23,16 @@ MINIMAL = "minimal"
 
 
 class KnownFailure(msgspec.Struct, frozen=True):
-    """Noise under which the baseline failed, or is thought to have: one of three kinds.
+    """Noise under which the baseline failed, or is assumed to fail: one of three kinds.
 
-    An eigenfailure is the centre of a failure mode; a medoid is the real failure nearest to it; a
-    minimal failure is the rest of a failure that was shrunk.
+    An eigenfailure is the centre of a failure mode. A medoid is the real failure nearest to the
+    centre. A minimal failure is the rest of a failure that was shrunk.
 
     Attributes:
-        what: it is, in words.
-        was: the baseline's episode, as CAMPAIGN/INDEX; empty of an eigenfailure.
-        before: what came of it with the baseline's planner; None if that was never tried.
-        mode: failure mode that it stands for, as ANALYSIS/NUMBER; empty of a minimal failure.
+        what: description in words.
+        was: the baseline's episode, as CAMPAIGN/INDEX; empty for an eigenfailure.
+        before: outcome with the baseline's planner; None if that was never tried.
+        mode: failure mode that it represents, as ANALYSIS/NUMBER; empty for a minimal failure.
     """
 
     what: str
@@ -45,8 +45,8 @@ class KnownReplay(msgspec.Struct, frozen=True):
     """A campaign that injects known failures.
 
     Attributes:
-        member: member of a suite; named after the member whose baseline's failures these are.
-        known: the known failure of each episode, by index; others are of no interest.
+        member: member of a suite, named after the member whose baseline had these failures.
+        known: the known failure of each episode, by index; other episodes are ignored.
     """
 
     member: SuiteMember
@@ -54,18 +54,18 @@ class KnownReplay(msgspec.Struct, frozen=True):
 
 
 class RunSettings(msgspec.Struct, frozen=True):
-    """The planner that known failures are injected into, and the run that this belongs to.
+    """The planner that known failures are injected into, and the run of the replays.
 
     Attributes:
         run: name of the run.
-        member: whose planner it is.
+        member: member that has the planner.
     """
 
     run: str
     member: SuiteMember
 
     def replay(self, title: str, like: CampaignSpec, **varied: Any) -> SuiteMember:
-        """A campaign that replays noise in the world of another, with this planner."""
+        """Return a campaign that replays noise in another campaign's world, with this planner."""
         name = f"{self.member.name}: {title}"
         spec = replace(
             like,
@@ -83,18 +83,18 @@ class RunSettings(msgspec.Struct, frozen=True):
 
 
 def _set_scenario(spec: CampaignSpec, drawn: Mapping[str, Any]) -> CampaignSpec:
-    """The campaign in the scenario that one of its episodes drew."""
+    """Return the campaign with the scenario that one of its episodes drew."""
     return replace(spec, scenario_parameters={**spec.scenario_parameters, **drawn})
 
 
 def make_minimal_replay(
     under: RunSettings, minimal: Campaign, index: int, drawn: Mapping[str, Any]
 ) -> KnownReplay:
-    """The failure to which a campaign shrank its own.
+    """Return the replay of the minimal failure that a campaign has found.
 
     Args:
-        under: the planner.
-        minimal: the campaign.
+        under: planner to replay with.
+        minimal: the campaign that shrank a failure.
         index: index of its minimal failure.
         drawn: scenario parameters that this failure drew, by name.
     """
@@ -109,9 +109,9 @@ def make_minimal_replay(
 
 
 def is_minimal_search(campaign: Campaign, before: Campaign, analysis: Analysis) -> bool:
-    """Whether a campaign shrank a failure of another, or a mode of its analysis.
+    """Return whether a campaign shrank a failure of another campaign, or a mode of its analysis.
 
-    With the same planner: otherwise the rest is not a failure of the baseline's planner.
+    The planners must be equal: otherwise the rest is not a failure of the baseline's planner.
     """
     spec, planner = campaign.spec, (before.spec.planner, before.spec.planner_settings)
     named = {"campaign": before.id, "analysis": analysis.id}
@@ -123,7 +123,7 @@ def is_minimal_search(campaign: Campaign, before: Campaign, analysis: Analysis) 
 
 
 def drop_unproven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> KnownReplay:
-    """Return a replay whose earlier outcomes are those of the baseline's own planner."""
+    """Return a replay with the baseline planner's outcomes as its earlier outcomes."""
     known = {
         index: replace(failure, before=outcomes.get(index, failure.before))
         for index, failure in replay.known.items()
@@ -134,11 +134,11 @@ def drop_unproven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> Known
 def make_known_findings(
     replay: KnownReplay, rows: Mapping[int, EpisodeRow], pages: str
 ) -> tuple[reruns.GateFinding, ...]:
-    """The fate of each known failure of a replay.
+    """Return the verdict on each known failure of a replay.
 
     Args:
-        replay: what was injected.
-        rows: what came of it with the new planner, by index.
+        replay: the injected failures.
+        rows: episodes of the new planner, by index.
         pages: address of the service's pages.
     """
     found = []
@@ -158,15 +158,15 @@ def map_outcomes(rows: Mapping[int, EpisodeRow]) -> dict[int, Outcome]:
 def make_mode_replays(
     under: RunSettings, before: Campaign, analysis: Analysis
 ) -> Iterator[KnownReplay]:
-    """The eigenfailures and medoids of an analysis, each in its own scenario.
+    """Yield replays of the eigenfailures and medoids of an analysis, each in its own scenario.
 
-    If the scenario's parameters vary, an eigenfailure's own scenario is that of its medoid:
-    modes whose medoids drew the same share a campaign.
+    If the scenario's parameters vary, an eigenfailure takes the scenario of its medoid. Modes whose
+    medoids drew the same scenario share a campaign.
 
     Args:
-        under: the planner.
-        before: the campaign that was analysed.
-        analysis: done, with at least one mode.
+        under: planner to replay with.
+        before: the analysed campaign.
+        analysis: finished analysis with at least one mode.
     """
     modes, name = analysis.result.modes if analysis.result else (), f"analysis {analysis.id}"
     for parameters, places in _group_by_scenario(modes):
@@ -202,7 +202,7 @@ def make_mode_replays(
 def _group_by_scenario(
     modes: Sequence[FailureMode],
 ) -> Iterator[tuple[Mapping[str, Any], list[int]]]:
-    """The modes by what their medoids drew, in order."""
+    """Yield the modes grouped by the scenario that their medoids drew, in order."""
     groups: dict[bytes, tuple[Mapping[str, Any], list[int]]] = {}
     for place, mode in enumerate(modes):
         # Parameters may be lists or tables, which are no keys of a dict: their text is.
@@ -227,13 +227,13 @@ ASKING = frozenset({GateVerdict.STILL_FAILING, GateVerdict.FIXED})
 
 
 class NewMode(NamedTuple):
-    """A mode that the new planner's failures are in, and the baseline's are not, or hardly.
+    """A mode with failures of the new planner, and none or hardly any of the baseline.
 
     Attributes:
         number: number of the mode, from 1.
-        episode: episode of the new planner, its failure in the mode that is nearest to the centre.
-        now: its failures in the mode, of `of_now`.
-        before: the baseline's, of `of_before`.
+        episode: the new planner's failure that is nearest to the centre of the mode.
+        now: number of the new planner's failures in the mode, out of `of_now`.
+        before: number of the baseline's failures in the mode, out of `of_before`.
         p_value: p-value of Fisher's exact test, one-sided.
     """
 
@@ -246,11 +246,11 @@ class NewMode(NamedTuple):
     p_value: float
 
     def words(self, judged: bool, name: str = "") -> str:
-        """What it rests on; the chance of it is that of independent failures alone.
+        """Return the numbers behind the mode; the p-value holds only for independent failures.
 
         Args:
-            judged: whether failures are independent.
-            name: name of the mode; empty if it is left out.
+            judged: whether failures are independent; the p-value is left out otherwise.
+            name: name of the mode; empty to leave it out.
         """
         chance = f" (p = {self.p_value:.2g})" if judged else ""
         named = f" ({name})" if name else ""
@@ -261,7 +261,7 @@ class NewMode(NamedTuple):
 
 
 def needs_modes(judged: reruns.Rerun) -> bool:
-    """Return whether new modes matter: for methods whose rate does not reveal new failures."""
+    """Return whether new modes matter, since the method's rate does not reveal new failures."""
     failed = judged.before.failures and judged.now.failures
     return bool(judged.by is reruns.JudgedBy.RATE and judged.verdict in ASKING and failed)
 
@@ -269,11 +269,11 @@ def needs_modes(judged: reruns.Rerun) -> bool:
 def add_modes(
     judged: reruns.Rerun, together: Analysis, now: reruns.RerunSide, pages: str
 ) -> reruns.Rerun:
-    """A rerun with the failure modes that are new in it; if they count, it is new itself.
+    """Return a rerun with its new failure modes; if these count, its verdict is new.
 
     Args:
         judged: rerun of a campaign that is judged by its rate.
-        together: an analysis of the baseline's campaign and this one that has ended.
+        together: finished analysis of the baseline's campaign and the rerun.
         now: the new planner's side.
         pages: address of the service's pages.
     """
@@ -303,19 +303,19 @@ def add_modes(
 def find_new_modes(
     result: AnalysisResult, before: reruns.RerunFigures, now: reruns.RerunFigures
 ) -> Iterator[NewMode]:
-    """The modes that hold more of one campaign's failures than chance and the other's explain.
+    """Yield modes with more failures of the new planner than chance and the baseline explain.
 
-    They must also hold more failures per completed episode than chance explains, by the same test:
-    the share of a mode among the failures grows, too, when another mode disappears.
+    These modes must also hold more failures per completed episode than chance explains, by the same
+    test. Otherwise a mode would be new because its share grows when another mode disappears.
 
-    The modes are found without regard to whose the failures are. So if those of both campaigns are
-    independent draws of one kind, each mode has a random part of either's: Fisher's exact test
-    (1935, The Design of Experiments) holds its error, however the modes were found.
+    The analysis ignores which campaign a failure belongs to. So if the failures of both campaigns
+    are independent draws of one kind, each mode has a random part of each campaign's failures.
+    Fisher's exact test (1935, The Design of Experiments) then holds its error, for any modes.
 
     Args:
-        result: result of both campaigns' failures together.
+        result: result of the analysis of both campaigns' failures together.
         before: figures of the baseline's campaign.
-        now: figures of the new planner's.
+        now: figures of the new planner's campaign.
     """
     labels, campaigns = np.array(result.labels), np.array(result.campaigns)
     ours, theirs = campaigns == now.campaign, campaigns == before.campaign
@@ -336,7 +336,7 @@ def find_new_modes(
 
 
 def bound_probability(k: int, drawn: int, marked: int, total: int) -> float:
-    """The probability of k or more marked ones among some drawn of all without replacement."""
+    """Return the probability of k or more marked items among items drawn without replacement."""
     most = min(drawn, marked)
     whole = _log_binomial(total, marked)
     logs = (
@@ -347,5 +347,5 @@ def bound_probability(k: int, drawn: int, marked: int, total: int) -> float:
 
 
 def _log_binomial(n: int, k: int) -> float:
-    """Logarithm of the number of ways to choose k of n."""
+    """Return the logarithm of the number of ways to choose k of n."""
     return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)

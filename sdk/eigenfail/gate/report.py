@@ -1,10 +1,10 @@
 """The findings of a gate, and whether it is open.
 
-The report is also written as JUnit XML, which Jenkins, GitLab and GitHub read: one `testsuite` for
-each member of the suite, one `testcase` for each known failure, for each campaign that was run
-again, and for each of its new failure modes and new failures. What closes the gate is a `failure`,
-what cannot be run an `error`; what the baseline had already, or what cannot be judged, is
-`skipped`.
+The report is also written as JUnit XML, which Jenkins, GitLab and GitHub read. Each member of the
+suite is a `testsuite`. Each known failure and each rerun campaign is a `testcase`, and so is each
+new failure mode and new failure of a rerun. A finding that closes the gate is a `failure`, and one
+that cannot be run is an `error`. Findings that the baseline had already, or that cannot be judged,
+are `skipped`.
 """
 
 import re
@@ -36,12 +36,12 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """The verdict on one member of the suite.
 
     Attributes:
-        baseline: its campaign there; None if there is none, so that nothing is judged.
-        known: the known failures, replayed.
-        known_left_out: how many more known failures there are of each verdict, in a report that was
-            too large for a service; empty if `known` has all of them.
-        rerun: None if the baseline is the version itself.
-        notes: what could not be done, in sentences.
+        baseline: the member's baseline campaign; None if it is missing, so that nothing is judged.
+        known: verdicts on the replayed known failures.
+        known_left_out: number of further known failures by verdict, in a report that was too large
+            for a service; empty if `known` is complete.
+        rerun: the rerun campaign; None if the baseline is the version itself.
+        notes: steps that could not be done, in sentences.
     """
 
     member: ReportName
@@ -52,7 +52,7 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     notes: tuple[ReportSentence, ...] = ()
 
     def count_verdicts(self) -> Counter[verdicts.GateVerdict]:
-        """Those of known failures, and of failing episodes of the rerun or of all of it."""
+        """Count the verdicts on known failures and on the rerun, by episode or as a whole."""
         counts = Counter(finding.verdict for finding in self.known)
         counts.update(self.known_left_out)
         if self.rerun is not None and self.rerun.by is JudgedBy.EPISODE:
@@ -68,10 +68,10 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     Attributes:
         version: version of the planners under test.
         run: the name of this run, which later gates can take as their baseline.
-        baseline: as it was named; empty if this run makes one.
-        strict: whether failures that were there before close the gate, too.
-        by: by what campaigns under the same noise are judged.
-        file: file of the suite, as the command named it; empty if that is not known.
+        baseline: the baseline as the user named it; empty if this run makes one.
+        strict: whether failures of the baseline close the gate, too.
+        by: basis for the verdict on campaigns under the same noise.
+        file: file of the suite, as the command named it; empty if not known.
     """
 
     suite: ReportName
@@ -84,7 +84,7 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def closing(self) -> frozenset[verdicts.GateVerdict]:
-        """What closes it."""
+        """Verdicts that close the gate."""
         return verdicts.STRICTLY_CLOSING if self.strict else verdicts.CLOSING
 
 
@@ -92,8 +92,8 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """The findings of a gate.
 
     Attributes:
-        counts: how many known failures, episodes and campaigns there are of each verdict.
-        open: whether nothing closes the gate, and no episode may hide what would.
+        counts: number of known failures, episodes and campaigns by verdict.
+        open: whether nothing closes the gate, and no episode may hide a failure that would.
     """
 
     gate: GateRun
@@ -102,7 +102,7 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     members: tuple[MemberReport, ...]
 
     def problems(self) -> Iterator[str]:
-        """Why episodes errored."""
+        """Yield the reasons why episodes errored."""
         for member in self.members:
             findings = (*member.known, *(member.rerun.findings if member.rerun else ()))
             yield from (
@@ -117,16 +117,16 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def state(self) -> str:
-        """`open`, `closed`, or `inconclusive` where only episodes in doubt keep it closed."""
+        """`open`, `closed`, or `inconclusive` if only episodes in doubt keep the gate closed."""
         if self.open:
             return "open"
         return "closed" if self.gate.closing & self.counts.keys() else INCONCLUSIVE
 
     @property
     def in_trouble(self) -> bool:
-        """Whether it says nothing.
+        """True if the gate does not allow a conclusion on the planner.
 
-        Nothing but the machinery keeps it closed, or episodes that may hide a failure.
+        Only faults of the infrastructure, or episodes that may hide a failure, keep it closed.
         """
         closing = self.gate.closing & self.counts.keys()
         if not closing:
@@ -164,7 +164,7 @@ NOT_SAFE = frozenset(verdicts.GateVerdict) - {verdicts.GateVerdict.SAFE, verdict
 
 
 class _TestCase(NamedTuple):
-    """A test case: where it stands, what it is called, what became of it, and the details."""
+    """A test case: its group, name, verdict, details and wall time."""
 
     group: str
     name: str
@@ -174,7 +174,7 @@ class _TestCase(NamedTuple):
 
 
 def to_junit(report: GateReport) -> bytes:
-    """The document, encoded as UTF-8."""
+    """Return the JUnit document of a report, encoded as UTF-8."""
     root = ET.Element("testsuites", name=_remove_illegal(f"eigenfail gate {report.gate.run}"))
     gate = report.gate
     for member in report.members:
@@ -194,7 +194,7 @@ def to_junit(report: GateReport) -> bytes:
 
 
 def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str, str]]:
-    """The basis of the member's verdicts, by name."""
+    """Yield the basis of the member's verdicts, by name."""
     yield "version", gate.version
     yield "baseline", gate.baseline
     if member.baseline is not None:
@@ -207,7 +207,7 @@ def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str,
 
 
 def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
-    """The test cases of a member."""
+    """Yield the test cases of a member."""
     for note in member.notes:
         yield _TestCase("baseline", note, None, note)
     for known in member.known:
@@ -239,12 +239,12 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
 
 
 def _format_details(finding: GateFinding) -> str:
-    """How to see it."""
+    """Return how to inspect a finding."""
     return "\n".join(filter(None, (finding.problem, finding.replay, finding.link)))
 
 
 def _build_case(case: _TestCase, suite: str, gate: GateRun) -> ET.Element:
-    """A test case with what became of it."""
+    """Return the element of a test case, with its outcome."""
     found = ET.Element(
         "testcase",
         classname=_remove_illegal(f"{suite}.{case.group}"),
@@ -262,7 +262,7 @@ def _build_case(case: _TestCase, suite: str, gate: GateRun) -> ET.Element:
 
 
 def _choose_tag(verdict: verdicts.GateVerdict | None, gate: GateRun) -> str:
-    """The element that says what became of a case; empty for one that passed."""
+    """Return the name of the element for a case's outcome; empty for a passed case."""
     if verdict is verdicts.GateVerdict.CANNOT_RUN:
         return "error"
     if verdict in gate.closing:
@@ -271,7 +271,7 @@ def _choose_tag(verdict: verdicts.GateVerdict | None, gate: GateRun) -> str:
 
 
 def _write_totals(group: ET.Element, found: list[ET.Element]) -> None:
-    """Write how many cases a group has, and how they ended."""
+    """Write the number of cases of a group, in total and by outcome."""
     tags = {"failures": "failure", "errors": "error", "skipped": "skipped"}
     group.set("tests", str(len(found)))
     for name, tag in tags.items():
@@ -280,7 +280,7 @@ def _write_totals(group: ET.Element, found: list[ET.Element]) -> None:
 
 
 def _remove_illegal(text: str) -> str:
-    """The text without characters that XML cannot hold."""
+    """Return the text without characters that XML cannot hold."""
     return ILLEGAL.sub("", text)
 
 
@@ -305,13 +305,13 @@ OFTENER = "; failures of a search follow each other, so that it may be more ofte
 
 
 def list_conclusions(report: GateReport) -> Iterator[str]:
-    """What the gate says of all of it, and what it cannot say."""
+    """Yield the gate's conclusion and its limits, in sentences."""
     yield describe_conclusion(report)
     yield from _list_caveats(report)
 
 
 def describe_conclusion(report: GateReport) -> str:
-    """Whether it is open, and why."""
+    """Return whether the gate is open, and why, in a sentence."""
     counts = verdicts.join_counts(report.counts)
     gate = report.gate
     if not gate.baseline:
@@ -326,7 +326,7 @@ def describe_conclusion(report: GateReport) -> str:
 
 
 def _describe_findings(report: GateReport) -> str:
-    """The facts of a baseline."""
+    """Return the findings of a run that makes a baseline, in words."""
     seen = [member.baseline for member in report.members if member.baseline]
     failures, completed = (
         sum(getattr(each, name) for each in seen) for name in ("failures", "completed")
@@ -337,7 +337,7 @@ def _describe_findings(report: GateReport) -> str:
 
 
 def _list_caveats(report: GateReport) -> Iterator[str]:
-    """The limits of an open or a closed gate."""
+    """Yield the limits of an open or a closed gate, in sentences."""
     reruns = [each.rerun for each in report.members if each.rerun]
     if by_rate := [rerun for rerun in reruns if rerun.by is JudgedBy.RATE]:
         yield _describe_false_alarms(by_rate)
@@ -361,7 +361,7 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
 
 
 def _describe_false_alarms(by_rate: Sequence[Rerun]) -> str:
-    """How often campaigns that are judged by rate are called new though nothing changed."""
+    """Return how often campaigns judged by rate are called new although nothing changed."""
     share = 100.0 * (1.0 - prod(1.0 - _bound_false_alarm(rerun) for rerun in by_rate))
     none = sum(not rerun.before.failures for rerun in by_rate)
     first = f" (the baseline found none in {none}: {FIRST_FAILURE})" if none else ""
@@ -376,14 +376,14 @@ def _describe_false_alarms(by_rate: Sequence[Rerun]) -> str:
 
 
 def _bound_false_alarm(rerun: Rerun) -> float:
-    """How often a campaign like this is called new though failures became no likelier, at most."""
+    """Return an upper bound on how often such a campaign is called new by chance."""
     if rerun.before.failures:
         return RISEN + NEW_MODE * rerun.judges_modes
     return FIRST if rerun.unpaired_because else FIRST_OF_PAIRS
 
 
 def list_notes(member: MemberReport) -> Iterator[str]:
-    """A step that could not be done, and its member."""
+    """Yield each step that could not be done, and each warning, with the member's name."""
     yield from (f"{member.member}: {note}" for note in member.notes)
     if member.rerun:
         yield from (f"{member.member}: {warning}" for warning in member.rerun.warnings)

@@ -1,4 +1,4 @@
-"""Campaigns run again with the new planner, judged: pure."""
+"""Verdicts on campaigns that were run again with the new planner; pure functions."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
@@ -38,18 +38,18 @@ Seconds = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
 class GateFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An episode of the new planner, and what became of it.
+    """An episode of the new planner, and its verdict.
 
     Attributes:
-        what: was injected, in words.
+        what: the injected noise, in words.
         was: the baseline's episode, as CAMPAIGN/INDEX; empty if there is none.
-        mode: failure mode of the baseline that it belongs to, as ANALYSIS/NUMBER; empty if there
-            is none.
-        episode: the new planner's, as CAMPAIGN/INDEX; empty if it was never run.
+        mode: the baseline's failure mode that the episode belongs to, as ANALYSIS/NUMBER; empty if
+            there is none.
+        episode: the new planner's episode, as CAMPAIGN/INDEX; empty if it was never run.
         replay: the command that runs it again.
-        link: its page.
+        link: address of its page.
         problem: why it errored; empty otherwise.
-        wall_s: what it took [s].
+        wall_s: its wall time. [s]
     """
 
     verdict: GateVerdict
@@ -64,10 +64,10 @@ class GateFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class JudgedBy(StrEnum):
-    """By what campaigns under the same noise are judged.
+    """Basis for the verdict on campaigns under the same noise.
 
-    `episode`: each episode that fails and did not is new. `rate`: they are new together, where more
-    of them fail newly than no longer, by more than chance.
+    `episode`: each episode that fails and did not fail before is new. `rate`: all episodes together
+    are new if more episodes began to fail than stopped failing, by more than chance explains.
     """
 
     EPISODE = "episode"
@@ -78,7 +78,7 @@ class RerunFigures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """The findings of a campaign, in numbers.
 
     Attributes:
-        unresolved: safe episodes that are unresolved.
+        unresolved: number of safe episodes that are unresolved.
     """
 
     campaign: Ordinal
@@ -92,24 +92,24 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A campaign that was run again with the new planner.
 
     Attributes:
-        before: the baseline's.
-        now: the new planner's.
-        method: how both chose their noise.
-        verdict: verdict over all campaigns.
-        by: whether its episodes count one by one, or all of it together.
-        words: what it rests on, in a sentence.
-        unpaired_because: why episodes cannot be held against each other one by one; empty if
-            they were.
-        counts: how many failing episodes there are of each verdict; empty if unpaired.
-        findings: some of them, the new ones first; where unpaired, the likeliest failures.
+        before: figures of the baseline.
+        now: figures of the new planner.
+        method: method that chose the noise of both.
+        verdict: verdict on the whole campaign.
+        by: whether its episodes are judged one by one or together.
+        words: basis of the verdict, in a sentence.
+        unpaired_because: why episodes cannot be compared one by one; empty if they were.
+        counts: number of failing episodes by verdict; empty if unpaired.
+        findings: some failing episodes, new ones first; if unpaired, errored episodes and the
+            likeliest failures.
         difference: difference of the failure rates; None before both completed an episode.
-        modes: whether a failure mode is new, in a sentence; empty if that was not asked.
-        new_modes: a failure of each mode that is new, the one nearest to its centre; they count
-            only where `judges_modes`.
-        warnings: what keeps the comparison from saying more.
-        wall_s: how long it was running [s].
+        modes: whether a failure mode is new, in a sentence; empty if that was not analysed.
+        new_modes: the failure nearest to the centre of each new mode; new modes count only if
+            `judges_modes` is true.
+        warnings: limits of the comparison, in sentences.
+        wall_s: how long it ran. [s]
         hidden_errored: number of errored episodes that would close the gate if they failed.
-        hidden_unresolved: the same of unresolved episodes.
+        hidden_unresolved: number of unresolved episodes that would close the gate if they failed.
     """
 
     before: RerunFigures
@@ -131,7 +131,7 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def summary(self) -> str:
-        """Return the counts of a verdict, and the findings on modes."""
+        """Return the basis of the verdict, and the findings on modes."""
         return f"{self.words} {self.modes}".rstrip()
 
     @property
@@ -142,10 +142,10 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def judges_modes(self) -> bool:
-        """Whether a new mode closes the gate, which needs failures that are independent.
+        """True if a new mode closes the gate, which needs independent failures.
 
-        The failures of a search follow each other, so that two searches of one planner may find
-        different failure modes.
+        Failures found by a search are correlated: two searches of one planner may find different
+        failure modes.
         """
         return traits_of(self.method).draws_from_prior
 
@@ -153,13 +153,13 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 def make_finding(
     found: GateVerdict, what: str, was: str, row: EpisodeRow | None, pages: str
 ) -> GateFinding:
-    """The fate of one episode.
+    """Return the finding for one episode.
 
     Args:
         found: the verdict.
-        what: was injected.
+        what: the injected noise, in words.
         was: the baseline's episode.
-        row: row of the new planner; None if it was never run.
+        row: the new planner's episode; None if it was never run.
         pages: address of the service's pages.
     """
     if row is None:
@@ -201,7 +201,7 @@ class RerunSide(msgspec.Struct, frozen=True):
 
     @property
     def id(self) -> int:
-        """Of the campaign."""
+        """Id of the campaign."""
         return self.campaign.id
 
 
@@ -213,17 +213,17 @@ def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
     by: JudgedBy,
     closing: Collection[GateVerdict] = CLOSING,
 ) -> Rerun:
-    """What became of a campaign: episode by episode where noise was the same, else by its rate.
+    """Judge a campaign: by pairs of episodes if the noise was the same, else by its rate.
 
-    It is judged a second time, with the new planner's episodes in doubt as failures: if that closes
-    the gate, and the first judgement does not, these episodes hide what would.
+    A second judgement counts the new planner's episodes in doubt as failures. If it closes the gate
+    and the first judgement does not, these episodes may hide a failure that closes the gate.
 
     Args:
-        before: the baseline's.
-        now: the new planner's.
-        comparison: comparison of the two, the baseline first.
+        before: side of the baseline.
+        now: side of the new planner.
+        comparison: comparison of the two sides, the baseline first.
         pages: address of the service's pages.
-        by: by what to judge where noise was the same.
+        by: basis for the verdict if the noise was the same.
         closing: verdicts that close the gate.
     """
     counts = Counter[GateVerdict]()
@@ -278,8 +278,8 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         before: outcomes of the baseline.
         now: outcomes of the new planner.
         campaigns: the campaigns of both.
-        pairs: McNemar's test on pairs of episodes; None if they have no counterparts.
-        by: whether each episode counts, or all of them together.
+        pairs: McNemar's test on pairs of episodes; None if episodes are not paired.
+        by: whether episodes are judged one by one or together.
         closing: verdicts that close the gate.
     """
     # The worst case: every episode in doubt fails with the new planner.
@@ -302,7 +302,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
 
 
 def _judge_rate_in_worst_case(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:
-    """Judge a rate against the baseline's, episodes in doubt as failures of the new planner."""
+    """Judge a rate as if the new planner's episodes in doubt were failures."""
     was, counts = before.counts, now.counts
     failures = counts.failures + counts.errored + unresolved
     # An estimate cannot be computed again here, so any episode in doubt may raise it.
@@ -314,19 +314,19 @@ def _judge_rate_in_worst_case(before: Campaign, now: Campaign, unresolved: int) 
 
 
 def _make_rate(k: int, n: int) -> Rate:
-    """Return a rate as if its episodes were a random sample: for a search it is a threshold."""
+    """Return a rate as if its episodes were a random sample; for a search it is a threshold."""
     return Rate(k / n, k, n, wilson(k, n))
 
 
 def find_worst(counts: Mapping[GateVerdict, int]) -> GateVerdict:
-    """Return the worst verdict of some episodes, `safe` of none."""
+    """Return the worst verdict of some episodes; `safe` without episodes."""
     return next((each for each in WORST_FIRST if counts.get(each)), GateVerdict.SAFE)
 
 
 def _list_pair_findings(
     verdicts: Mapping[int, GateVerdict], before: int, now: RerunSide, pages: str
 ) -> Iterator[GateFinding]:
-    """Some episodes of each verdict, the worst verdict first; fixed ones have no failure to see."""
+    """Yield some episodes of each verdict, the worst verdict first, without fixed ones."""
     rows = now.outcomes.failures | now.outcomes.errored
     for worst in WORST_FIRST:
         alike = [index for index, each in verdicts.items() if each is worst and index in rows]
@@ -336,7 +336,7 @@ def _list_pair_findings(
 
 
 def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
-    """Those that errored, then the likeliest failures."""
+    """Yield some errored episodes, then the likeliest failures."""
     failures = sorted(
         now.outcomes.failures.values(), key=lambda row: row.log_probability, reverse=True
     )
@@ -347,7 +347,7 @@ def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
 
 
 def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
-    """What keeps it from saying more; not that nothing differs, since the planner's code may."""
+    """Return the limits of a comparison; equal specs are none, as the planner's code may differ."""
     # A new version of the planner has the same name: that the specs are equal is no warning here.
     unseen = () if comparison.distinctions else (SAME,)
     left = (each for each in comparison.warnings if not each.startswith(unseen))
@@ -355,10 +355,10 @@ def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
 
 
 def read_figures(campaign: Campaign, unresolved: int = 0) -> RerunFigures:
-    """The findings of a campaign.
+    """Return the findings of a campaign in numbers.
 
     Args:
-        campaign: as it stands.
+        campaign: the campaign in its present state.
         unresolved: number of its safe episodes that are unresolved.
     """
     counts = campaign.counts

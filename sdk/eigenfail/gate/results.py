@@ -1,4 +1,4 @@
-"""Results of gates that a service keeps: the report as it was judged, checked and bounded."""
+"""Results of gates that a service keeps: reports, checked and bounded in size."""
 
 import shlex
 from collections import Counter
@@ -37,13 +37,13 @@ class GateSummary(Brief, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         id: number of the result.
-        created_ms: when the service got it, in milliseconds since 1970.
+        created_ms: when the service received it, in milliseconds since 1970.
         suite: name of the suite.
         version: version of the planners under test.
         run: name of the run.
         baseline: version or run that it was compared with; empty if the run made one.
         open: whether nothing closes the gate.
-        counts: how many known failures, episodes and campaigns there are of each verdict.
+        counts: number of known failures, episodes and campaigns by verdict.
         conclusion: the verdict in a sentence.
     """
 
@@ -59,7 +59,7 @@ class GateSummary(Brief, msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def verdict(self) -> str:
-        """`open` or `closed`; `baseline` of a run that was compared with nothing."""
+        """`open` or `closed`; `baseline` for a run without a comparison."""
         if not self.baseline:
             return "baseline"
         return "open" if self.open else "closed"
@@ -70,8 +70,8 @@ class GateResult(Brief, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         id: number of the result.
-        created_ms: when the service got it, in milliseconds since 1970.
-        conclusions: what the gate says of all of it, and what it cannot say, in sentences.
+        created_ms: when the service received it, in milliseconds since 1970.
+        conclusions: the gate's conclusion and its limits, in sentences.
         report: the report, as `eigenfail gate --json` prints it.
     """
 
@@ -82,7 +82,7 @@ class GateResult(Brief, msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summarise_report(report: GateReport, number: int, created_ms: int) -> GateSummary:
-    """Return a report as it stands in a list."""
+    """Return the list entry for a report."""
     gate = report.gate
     return GateSummary(
         id=number,
@@ -108,11 +108,11 @@ def make_result(report: GateReport, number: int, created_ms: int) -> GateResult:
 
 
 def check_report(report: GateReport) -> None:
-    """Make sure that the verdict and the counts of a report follow from its members.
+    """Check that the verdict and the counts of a report follow from its members.
 
     Raises:
-        InvalidValue: one does not, or nothing but lost episodes keeps the gate closed, which says
-            nothing of the planner.
+        InvalidValue: one does not follow, or the gate does not allow a conclusion on the planner,
+            since only lost episodes keep it closed.
     """
     # A client says what it found, not what follows from it: a verdict is never taken on trust.
     again = build_report(report.gate, report.members)
@@ -132,11 +132,11 @@ def check_report(report: GateReport) -> None:
 
 
 def shorten_report(report: GateReport) -> GateReport:
-    """Return a report that a service takes: without episodes of reruns if it is too large.
+    """Return a report that a service accepts: without episodes of reruns if it is too large.
 
-    If it still is, each member keeps its first `MOST_KNOWN` known failures, those that close the
-    gate before others. Verdicts and counts stay as they are, and so does whether a gate is
-    inconclusive: the errored episode that says so is kept.
+    If it is still too large, each member keeps at most `MOST_KNOWN` known failures, first those
+    that close the gate. Verdicts and counts do not change. An inconclusive gate stays inconclusive,
+    since one errored episode is kept.
     """
     # Reruns first: their episodes can be listed again, known failures are what a gate is about.
     for shorten in (_drop_rerun_episodes, _shorten_known):
@@ -147,7 +147,7 @@ def shorten_report(report: GateReport) -> GateReport:
 
 
 def _drop_rerun_episodes(member: MemberReport) -> MemberReport:
-    """Return a member without the episodes of its rerun, but for one that errored."""
+    """Return a member without the episodes of its rerun, except one that errored."""
     rerun = member.rerun
     kept = _pick_errored_example(rerun.findings) if rerun else ()
     if rerun is None or len(kept) == len(rerun.findings):
@@ -157,7 +157,7 @@ def _drop_rerun_episodes(member: MemberReport) -> MemberReport:
 
 
 def _shorten_known(member: MemberReport) -> MemberReport:
-    """Return a member with at most `MOST_KNOWN` known failures, and the numbers of the others."""
+    """Return a member with at most `MOST_KNOWN` known failures, and a count of all further ones."""
     if len(member.known) <= MOST_KNOWN:
         return member
     errored = _pick_errored_example(member.known)
@@ -176,7 +176,7 @@ def _shorten_known(member: MemberReport) -> MemberReport:
 
 
 def _pick_errored_example(findings: Sequence[GateFinding]) -> tuple[GateFinding, ...]:
-    """Return one episode that errored, not for the infrastructure if there is such a one."""
+    """Return one errored episode, preferably one with a fault outside the infrastructure."""
     errored = [each for each in findings if each.verdict is GateVerdict.CANNOT_RUN]
     return tuple(sorted(errored, key=lambda each: each.problem.startswith(INFRASTRUCTURE))[:1])
 

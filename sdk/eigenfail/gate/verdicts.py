@@ -17,12 +17,12 @@ INFRASTRUCTURE = "infrastructure"
 
 
 class GateVerdict(StrEnum):
-    """The fate of a failure under the new planner.
+    """Verdict on a failure under the new planner.
 
-    `new`: it fails, and the baseline did not. `still failing`: both fail. `fixed`: the baseline
-    failed. `safe`: it does not fail, and is not known to fail in the baseline, or may have been
-    chance. `unproven`: it fails, and what the baseline did is not known. `cannot be run`: the
-    episode did not get to its end.
+    `new`: it fails, and the baseline did not fail. `still failing`: both fail. `fixed`: only the
+    baseline fails. `safe`: it does not fail, and the baseline is not known to fail or may have
+    failed by chance. `unproven`: it fails, and the baseline's outcome is not known. `cannot be
+    run`: the episode did not complete.
     """
 
     NEW = "new"
@@ -40,11 +40,11 @@ STRICTLY_CLOSING = CLOSING | {GateVerdict.STILL_FAILING, GateVerdict.UNPROVEN}
 
 
 def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
-    """The fate of an episode that both planners had.
+    """Return the verdict on an episode of both planners.
 
     Args:
-        before: what came of it with the baseline's planner; None if that is not known.
-        now: what came of it with the new one; None if there is no result.
+        before: outcome with the baseline's planner; None if it is not known.
+        now: outcome with the new planner; None without a result.
     """
     failed = before is not None and before.is_failure
     if now is Outcome.SAFE:
@@ -68,7 +68,7 @@ Row = TypeVar("Row", bound=_EndedEpisode)
 
 
 class RunOutcomes(msgspec.Struct, Generic[Row], frozen=True):
-    """The outcomes of a campaign's episodes, without the indices of safe ones.
+    """The outcomes of a campaign's episodes; indices of safe episodes are not stored.
 
     Attributes:
         episodes: number of episodes with a result; their indices begin with 0.
@@ -91,9 +91,9 @@ class RunOutcomes(msgspec.Struct, Generic[Row], frozen=True):
 
 
 def judge_pairs(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, GateVerdict]:
-    """The fate of each episode that failed on a side, by index.
+    """Return the verdict on each episode that failed on either side, by index.
 
-    Episodes that only the baseline tried, or that neither could run, are left out.
+    Episodes that only the baseline tried, or that neither side could run, are left out.
 
     Args:
         before: outcomes of the baseline.
@@ -108,10 +108,10 @@ def judge_pairs(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, Ga
 
 
 def judge_doubtful(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, GateVerdict]:
-    """What would become of each episode in doubt if it failed, by index: the worst case.
+    """Return the verdict on each episode in doubt if it failed, by index: the worst case.
 
-    In doubt are episodes that errored and those that are unresolved. One that is unresolved on both
-    sides has not changed. One that errored on both may still hide a failure that is new.
+    Errored and unresolved episodes are in doubt. An episode that is unresolved on both sides has
+    not changed. An episode that errored on both sides may still hide a new failure.
 
     Args:
         before: outcomes of the baseline.
@@ -130,14 +130,17 @@ def judge_doubtful(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int,
 
 
 def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -> GateVerdict:
-    """What became of the failures of a campaign whose noise depends on what its planner does.
+    """Return the verdict on the failures of a campaign whose noise depends on its planner.
 
-    New where the baseline found none, however few there are now, or where the share of failures
-    rose so far that Newcombe's 95 % interval of the difference lies above 0: beyond chance, if both
-    drew from p(x), and beyond a threshold of the gate, if a search chose the episodes. If both
-    campaigns estimate the failure probability, new if the two 95 % intervals do not meet (a lower
-    bound of the probability has none and decides nothing). Fixed, if it fell so far; safe, if there
-    is not a failure now, and it did not fall so far.
+    New if there are failures now and the baseline found none, or if the share of failures rose
+    enough: Newcombe's 95 % interval of the difference lies above 0. That is beyond chance if both
+    campaigns drew from p(x), and beyond a threshold of the gate if a search chose the episodes.
+    If both campaigns estimate the failure probability with a 95 % interval, these two intervals
+    decide instead: new if the interval now lies above the baseline's. An estimate that is only a
+    lower bound of the probability is without an interval, and decides nothing.
+
+    Fixed if the failures fell as far. Safe if they did not, but the new planner never fails. Cannot
+    be run if episodes errored that the baseline completed. Otherwise still failing.
     """
     if has_new_errors(before.counts, now.counts):
         return GateVerdict.CANNOT_RUN
@@ -146,16 +149,17 @@ def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -
 
 
 def has_new_errors(before: Counts, now: Counts) -> bool:
-    """Whether episodes error that the baseline completed, as far as counts can show."""
+    """Return whether episodes errored that the baseline completed, as far as counts can show."""
     return now.all_errored or (bool(now.errored) and not before.errored)
 
 
 def judge_rate_by_chance(pairs: McNemar | None, counts: Mapping[GateVerdict, int]) -> GateVerdict:
-    """The verdict on all pairs of episodes together.
+    """Return the verdict on all pairs of episodes together.
 
-    New if none failed before, or where more of them fail newly than no longer, by more than
-    chance: where McNemar's exact test on them gives p < 0.05. Fixed, if it is the other way round;
-    safe, if none fails now, and no fewer than chance explains.
+    New if episodes fail now and none failed before. Also new if more episodes began to fail than
+    stopped failing, by more than chance: McNemar's exact test gives p < 0.05. Fixed if more stopped
+    than began, by the same test. Safe if none fails now and chance explains the difference. Cannot
+    be run if an episode cannot be run. Otherwise still failing.
     """
     # Errored first: the test is on the other pairs, and would hide what could not be run.
     if counts.get(GateVerdict.CANNOT_RUN) or pairs is None:
@@ -166,7 +170,7 @@ def judge_rate_by_chance(pairs: McNemar | None, counts: Mapping[GateVerdict, int
 
 
 def _judge_change(before: int, now: int, change: int) -> GateVerdict:
-    """Return what became of failures as a whole.
+    """Return the verdict on the failures as a whole.
 
     Args:
         before: number of failures of the baseline.
@@ -185,7 +189,7 @@ CHANGES = {1: GateVerdict.NEW, 0: GateVerdict.STILL_FAILING, -1: GateVerdict.FIX
 def find_change(
     before: Estimate | None, now: Estimate | None, difference: Difference | None
 ) -> int:
-    """1 if the failures rose by more than the gate's rule allows, -1 if they fell, else 0."""
+    """Return 1 if the failures rose beyond the gate's rule, -1 if they fell beyond it, else 0."""
     # An estimate weighs the failures of a search, so that it says more than their share.
     if ends := subtract_estimates(before, now):
         low, high = ends
@@ -198,7 +202,7 @@ def find_change(
 
 
 def subtract_estimates(before: Estimate | None, now: Estimate | None) -> tuple[float, float] | None:
-    """Return the least and the largest rise within both intervals; None if a side has none."""
+    """Return the smallest and the largest rise within both intervals; None if one is missing."""
     if before and now and before.interval and now.interval:
         low = now.interval.low - before.interval.high
         return low, now.interval.high - before.interval.low
@@ -231,12 +235,12 @@ ESTIMATE_WORDS = COUNT_WORDS | {
 
 
 def join_counts(counts: Mapping[GateVerdict, int]) -> str:
-    """Return numbers of failures by verdict as text; empty without any."""
+    """Return the numbers of failures by verdict as text; empty if there are none."""
     return ", ".join(f"{format_count(count)} {verdict}" for verdict, count in counts.items())
 
 
 def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) -> str:
-    """The verdict on pairs of episodes."""
+    """Return the verdict on pairs of episodes in words."""
     pairs = comparison.pairs
     if pairs is None:
         return comparison.unpaired_because
@@ -250,7 +254,7 @@ def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) ->
 def describe_rates(
     verdict: GateVerdict, before: Campaign, now: Campaign, comparison: Comparison
 ) -> str:
-    """The verdict on the failures of a campaign as a whole."""
+    """Return the verdict on the failures of a campaign as a whole, in words."""
     was, counts = before.counts, now.counts
     shares = f"{counts.failures} of {counts.completed} fail, {was.failures} of {was.completed} did"
     if verdict is GateVerdict.NEW and not was.failures:
@@ -268,7 +272,7 @@ WITHIN_THRESHOLD = "the fall is within the gate's threshold"
 
 
 def _describe_interval(comparison: Comparison) -> str:
-    """The difference of the failure rates, with its interval if both are of random samples."""
+    """Return the difference of the failure rates, with its interval if both samples are random."""
     found = comparison.difference
     if found is None:
         return ""

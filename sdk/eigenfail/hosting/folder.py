@@ -1,4 +1,4 @@
-"""The folder of a service on one machine: its database, its logs, and who runs on it."""
+"""The folder of a service on one machine: its database, its logs, and the lock of its service."""
 
 import fcntl
 import os
@@ -20,7 +20,7 @@ DEFAULT_DATA = Path("eigenfail-data")
 
 
 class Address(msgspec.Struct, frozen=True):
-    """Where the service of a folder answers: HTTP for people, ZeroMQ for workers."""
+    """Addresses of the service of a folder: HTTP for people, ZeroMQ for workers."""
 
     url: str
     hub: str
@@ -50,12 +50,12 @@ class DataFolder:
         return self.path / "hub-keys"
 
     def log(self, part: str) -> Path:
-        """Where a part of the service writes."""
+        """Return the path of the log of a part of the service."""
         return self.path / f"{part}.log"
 
     @contextmanager
     def claimed(self) -> Iterator[None]:
-        """The folder is ours until the block ends; the system lets go of it if we die.
+        """Lock the folder until the block ends; the system frees the lock if this process dies.
 
         Raises:
             StoreUnavailable: it cannot be made or written.
@@ -77,10 +77,10 @@ class DataFolder:
                 self.address_file.unlink(missing_ok=True)
 
     def open_lock(self) -> IO[bytes]:
-        """The lock file, made with its folder if need be.
+        """Open the lock file; make it and its folder if needed.
 
         Raises:
-            StoreUnavailable: it cannot be.
+            StoreUnavailable: it cannot be made or opened.
         """
         try:
             make_private_folder(self.path)
@@ -100,7 +100,7 @@ class DataFolder:
         draft.replace(self.address_file)
 
     def address(self) -> Address | None:
-        """Where the service of this folder answers, if one runs."""
+        """Return the address of this folder's service; None if no service runs."""
         with suppress(OSError, msgspec.DecodeError):
             address = msgspec.json.decode(self.address_file.read_bytes(), type=Address)
             with self.lock.open("rb") as lock:
@@ -109,18 +109,18 @@ class DataFolder:
         return None
 
     def where(self) -> str:
-        """The address in words."""
+        """Return the address in words."""
         address = self.address()
         return f", at {address.url}" if address else ""
 
     def is_writable(self) -> bool:
-        """Whether the folder, or the one in which it would be made, can be written."""
+        """Return whether the folder, or its nearest existing parent, can be written."""
         existing = next(path for path in (self.path, *self.path.parents) if path.exists())
         return existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
 
 
 def _lock(lock: IO[bytes]) -> bool:
-    """Whether the lock could be taken; closing the file gives it back."""
+    """Take the lock; return whether it was free. Closing the file releases it."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

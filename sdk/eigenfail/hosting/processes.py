@@ -1,7 +1,7 @@
 """Processes that the command line starts, their bounded logs, and their end.
 
-Nothing may be left running. Ctrl-C, SIGTERM and a closed terminal mean the same: stop what was
-started, then end.
+No process may be left running. On Ctrl-C, SIGTERM or a closed terminal, the command line stops the
+processes that it started, then ends.
 """
 
 import os
@@ -28,7 +28,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def handle_signals(handler: Callable[..., Any]) -> Iterator[None]:
-    """Send stop signals to a handler within the block; only the main thread can hear them."""
+    """Send stop signals to a handler within the block; outside the main thread, do nothing."""
     # Python refuses to set a handler elsewhere, and a service may be started from any thread.
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -42,7 +42,7 @@ def handle_signals(handler: Callable[..., Any]) -> Iterator[None]:
 
 
 def interruptible() -> Any:
-    """Return a context in which each of these signals raises KeyboardInterrupt."""
+    """Return a context that turns each stop signal into KeyboardInterrupt."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -66,8 +66,8 @@ CHUNK = 1 << 20
 class Log:
     """A log file that several processes append to; it is emptied, never renamed.
 
-    It is never renamed: its writers go on in the same file. What is written in the instant
-    between its last byte's copy and its emptying is lost.
+    It is not renamed because its writers continue in the same file. Text that is written between
+    the copy of the last byte and the truncation is lost.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,10 +78,10 @@ class Log:
         return self.path.with_name(f"{self.path.name}.{number}")
 
     def rotate(self) -> bool:
-        """Empty the file if it is too long, and keep its last part; whether it was emptied.
+        """Empty the file if it is too long, and keep its last part; return whether it was emptied.
 
         Raises:
-            OSError: there is no room for a copy; everything is as before.
+            OSError: the disk has too little space for a copy; nothing has changed.
         """
         if not self.path.exists() or self.path.stat().st_size <= MAX_BYTES:
             return False
@@ -102,7 +102,7 @@ class Log:
 
 
 def copy_end(source: int, draft: Path) -> None:
-    """The last bytes of an open file, at most as many as a log may have, to another."""
+    """Copy the last bytes of an open file, at most the size limit of a log, to another file."""
     os.lseek(source, max(0, os.fstat(source).st_size - MAX_BYTES), os.SEEK_SET)
     with open_private(draft, "wb") as target:
         while data := os.read(source, CHUNK):
@@ -111,7 +111,7 @@ def copy_end(source: int, draft: Path) -> None:
 
 @contextmanager
 def rotate_regularly(rotations: Sequence[Callable[[], object]]) -> Iterator[None]:
-    """Rotate logs, each second, for as long as the block lasts."""
+    """Rotate logs each second for as long as the block lasts."""
     over = Event()
 
     def watch() -> None:
@@ -151,10 +151,11 @@ NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 class ServicePart:
-    """One process of the service; what it says goes to a file.
+    """One process of the service; its output goes to a file.
 
-    It has a session of its own, so that Ctrl-C in the terminal reaches only the command line, which
-    then ends its parts in order. Everything it starts inherits a mark by which it is found again.
+    It runs in a separate session, so that Ctrl-C in the terminal reaches only the command line,
+    which then ends its parts in order. All processes that it starts inherit a mark, so that they
+    can be found again.
     """
 
     def __init__(
@@ -184,11 +185,11 @@ class ServicePart:
             )
 
     def said(self) -> list[str]:
-        """The lines it has written so far, as far as its log still has them."""
+        """Return the lines that it has written so far and that are still in its log."""
         return self._read(self._start).decode(errors="replace").splitlines()
 
     def news(self) -> list[str]:
-        """The whole lines that it has written since this was last asked."""
+        """Return the complete lines that it has written since the last call."""
         lines, newline, _ = self._read(self._told).rpartition(b"\n")
         self._told += len(lines) + len(newline)
         return lines.decode(errors="replace").splitlines()
@@ -197,7 +198,7 @@ class ServicePart:
         """Move the log aside if it has become too long.
 
         Raises:
-            OSError: there is no room for it.
+            OSError: the disk has too little space.
         """
         if Log(self.log).rotate():
             self._start = self._told = 0
@@ -208,7 +209,7 @@ class ServicePart:
             return stream.read()
 
     def check(self) -> None:
-        """Raises ServiceError if the process has ended by itself, with what it said last."""
+        """Raise ServiceError with the last output if the process has ended by itself."""
         code = self.process.poll()
         if code is not None:
             ended = f"The {self.name} process ended by itself (exit code {code})"
@@ -216,7 +217,7 @@ class ServicePart:
             raise ServiceError(f"{ended}: {self.last_words(code)}", remedy)
 
     def last_words(self, code: int) -> str:
-        """The one sentence with which it refused, or else its last lines."""
+        """Return the sentence of the process's refusal, or else its last lines."""
         said = self.said()
         if code in REFUSED and said:
             return said[-1].removeprefix("eigenfail: ")
@@ -224,7 +225,7 @@ class ServicePart:
 
 
 def find_marked(owner: str) -> list[psutil.Process]:
-    """Every living process that was started for this owner, and all their descendants."""
+    """Return every living process that was started for this owner, with all descendants."""
     found: dict[int, psutil.Process] = {}
     for process in psutil.process_iter():
         with suppress(psutil.Error, OSError):
@@ -236,7 +237,7 @@ def find_marked(owner: str) -> list[psutil.Process]:
 
 
 def _bears_mark(pid: int, owner: str) -> bool:
-    """Whether the process was started with the owner's mark; raises OSError if it is not ours.
+    """Return whether a process has the owner's mark; raise OSError for another user's process.
 
     Processes that rename themselves, as Ray's do, overwrite the beginning of their environment:
     a parser stops there, so the mark is searched for as plain text.
@@ -246,7 +247,7 @@ def _bears_mark(pid: int, owner: str) -> bool:
 
 
 def stop_parts(parts: Sequence[ServicePart], owner: str, grace_s: float = GRACE_S) -> None:
-    """Stop the parts by SIGTERM, then kill those that remain; a second signal kills at once."""
+    """Stop the parts by SIGTERM, then kill the remaining ones; a second signal kills at once."""
     deadline = [time.monotonic() + grace_s]
 
     def hurry(*_: object) -> None:
@@ -275,7 +276,7 @@ def kill_marked(owner: str) -> None:
 
 
 def _kill(processes: Iterable[psutil.Process]) -> None:
-    """Kill these, if they are still what they were."""
+    """Kill processes, except a process whose number now belongs to another one."""
     for process in processes:
         with suppress(psutil.Error):
             process.kill()
@@ -289,7 +290,7 @@ REMOVE = "--remove"
 
 @contextmanager
 def remove_afterwards(folder: Path) -> Iterator[None]:
-    """Have a folder of ours, and the processes that run on it, gone after the block in any case."""
+    """Remove a folder, and end the processes that run on it, after the block in any case."""
     with guard_owner(str(folder), REMOVE):
         try:
             yield
@@ -299,11 +300,11 @@ def remove_afterwards(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def guard_owner(owner: str, *options: str) -> Iterator[None]:
-    """Have the owner's processes ended, by a guard, if this process dies within the block.
+    """Start a guard that ends the owner's processes if this process dies within the block.
 
     Args:
-        owner: the mark of these processes.
-        options: of the guard: with `REMOVE` the owner is a folder, which the guard removes.
+        owner: mark of the processes.
+        options: options of the guard: with `REMOVE` the owner is a folder, which the guard removes.
     """
     # With the mark, the guard would be among the processes that it kills.
     unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
@@ -322,7 +323,7 @@ def guard_owner(owner: str, *options: str) -> Iterator[None]:
 
 
 def main() -> None:
-    """Wait for the end; unless all is well, put things in order."""
+    """Wait until the guarded process ends; unless it ended in order, clean up after it."""
     if sys.stdin.buffer.read() == ALL_WELL:
         return
     owner = sys.argv[1]

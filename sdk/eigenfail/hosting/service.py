@@ -1,6 +1,6 @@
-"""A whole service on this machine: controller and services as processes, on a data folder.
+"""A complete service on this machine: controller and services as processes, on a data folder.
 
-Plug-ins that are not installed are registered for one service alone, in a folder of its own.
+Plug-ins that are not installed are registered in a separate folder, for one service only.
 """
 
 import os
@@ -33,12 +33,12 @@ LONGEST_IDLE_S = 86_400.0
 
 
 class Span(msgspec.Struct, frozen=True):
-    """Between which numbers of workers to choose, and how slowly to give them up.
+    """Range for the number of workers, and the delay before idle workers are stopped.
 
     Attributes:
         least: minimum number of workers, idle ones included.
-        most: never more.
-        idle_s: how long fewer must have been enough before any is let go. [s]
+        most: maximum number of workers.
+        idle_s: how long fewer workers must have been enough before one is stopped. [s]
     """
 
     least: int
@@ -59,10 +59,10 @@ def make_span(
     """Return the range of the number of workers: one number twice, unless `most` is given.
 
     Args:
-        workers: the number that stays; None is one per core.
-        least: smallest number of workers, where the number follows the work; None is 0.
+        workers: fixed number of workers; None is one per core.
+        least: smallest number of workers, if the number follows the work; None is 0.
         most: largest number of workers; None: the number does not follow the work.
-        idle_s: how long fewer must have been enough; None is a minute. [s]
+        idle_s: how long fewer workers must have been enough; None is a minute. [s]
 
     Raises:
         InvalidValue: the numbers exclude each other, or are out of range.
@@ -80,7 +80,7 @@ def make_span(
 
 
 def _refuse_half(least: int | None, idle_s: float | None) -> None:
-    """Raises InvalidValue if a bound of scaling is given, and nothing is to be scaled."""
+    """Raise InvalidValue if a bound of scaling is given without a largest number of workers."""
     for option, given in (("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
             remedy = "Add --max-workers; --workers sets a fixed number."
@@ -88,7 +88,7 @@ def _refuse_half(least: int | None, idle_s: float | None) -> None:
 
 
 def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) -> None:
-    """Raise InvalidValue if workers are to scale, and this service starts none."""
+    """Raise InvalidValue if workers are to scale, but this service does not start any."""
     for option, given in (("--max-workers", most), ("--min-workers", least), ("--idle-s", idle_s)):
         if given is not None:
             remedy = f"Omit {option}, or have workers started: --launcher ray or local."
@@ -96,10 +96,10 @@ def refuse_scaling(least: int | None, most: int | None, idle_s: float | None) ->
 
 
 def _make_scaled(least: int, most: int, idle_s: float) -> Span:
-    """The span that was given.
+    """Return the span with the given bounds.
 
     Raises:
-        InvalidValue: it is none.
+        InvalidValue: the bounds are not a valid range.
     """
     if not 0 <= least <= most:
         problem = f"{least} is not between 0 and --max-workers, which is {most}."
@@ -127,7 +127,7 @@ NEEDED_MODULES = ("fastapi", "sqlalchemy", "torch", "zmq")
 
 
 class Launcher(StrEnum):
-    """The starter of workers: Ray, the service itself on this machine, or users by hand."""
+    """Launcher of the workers: Ray, the service itself on this machine, or users by hand."""
 
     RAY = "ray"
     LOCAL = "local"
@@ -135,7 +135,7 @@ class Launcher(StrEnum):
 
 
 class Ready(msgspec.Struct, frozen=True):
-    """The message of the services process once it serves."""
+    """The message that the services process prints once it serves."""
 
     ready: bool
     hub: str
@@ -143,11 +143,11 @@ class Ready(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Plan:
-    """The parts to start and their addresses: port 0 is any free one, 0 workers are one per core.
+    """The parts to start and their addresses; port 0 is any free one, 0 workers are one per core.
 
     Attributes:
-        span: within which the number of workers follows the work, instead of a number that stays.
-        path: folders from which its processes import plug-ins that are not installed.
+        span: range of the number of workers, which follows the work; None for a fixed number.
+        path: folders with plug-ins that are not installed, for imports by its processes.
     """
 
     data: Path
@@ -161,25 +161,25 @@ class Plan:
 
 @dataclass(frozen=True)
 class LocalService:
-    """A service that runs."""
+    """A running service."""
 
     address: Address
     parts: tuple[processes.ServicePart, ...]
 
     def check(self) -> None:
-        """Raises ServiceError if one of its processes has ended."""
+        """Raise ServiceError if one of its processes has ended."""
         for part in self.parts:
             part.check()
 
 
 @contextmanager
 def local_service(plan: Plan) -> Iterator[LocalService]:
-    """A service for as long as the block lasts; nothing of it is left afterwards.
+    """Run a service for as long as the block lasts; no process of it is left afterwards.
 
     Raises:
-        PortTaken: something else listens there.
+        PortTaken: another process listens on a port.
         StoreUnavailable: the data folder cannot be written.
-        ServiceError: a part is not installed, or did not come up.
+        ServiceError: a part is not installed, or did not start.
     """
     require_installed()
     folder = DataFolder(plan.data)
@@ -203,7 +203,7 @@ def local_service(plan: Plan) -> Iterator[LocalService]:
 
 
 def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[str, list[str]]:
-    """The command line of each part."""
+    """Return the command line of each part."""
     python = (sys.executable, "-m")
     controller = ("--host", HOST, "--port", str(port))
     span = plan.span or make_span(plan.workers or None, None, None, None)
@@ -219,7 +219,7 @@ def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[s
 
 
 def require_installed() -> None:
-    """Raises ServiceError if this is the bare client."""
+    """Raise ServiceError if only the client is installed."""
     missing = [name for name in NEEDED_MODULES if find_spec(name) is None]
     if missing:
         raise ServiceError(
@@ -230,10 +230,10 @@ def require_installed() -> None:
 
 
 def choose_ports(plan: Plan) -> tuple[int, int]:
-    """Return the ports of the controller and of the hub, any free ones for 0.
+    """Return the ports of the controller and of the hub; 0 is replaced by any free port.
 
     Raises:
-        PortTaken: something else listens there.
+        PortTaken: another process listens on a port.
     """
     return _bind_port(plan.port, "port"), _bind_port(plan.hub_port, "hub-port")
 
@@ -254,7 +254,7 @@ def _bind_port(port: int, name: str) -> int:
 
 
 def load_database_tool(name: str) -> Any:
-    """Return what the server's package brings for work on a database, without a service.
+    """Return a function of the server's package that works on a database without a service.
 
     Raises:
         ServiceError: the service is not installed here.
@@ -264,7 +264,7 @@ def load_database_tool(name: str) -> Any:
 
 
 def wait_until_ready(parts: Sequence[processes.ServicePart], port: int) -> Address:
-    """Wait until the controller answers and the services say that they serve.
+    """Wait until the controller answers and the services report that they serve.
 
     Raises:
         ServiceError: a part ended, or is not ready in time.
@@ -289,7 +289,7 @@ def wait_until_ready(parts: Sequence[processes.ServicePart], port: int) -> Addre
 
 
 def find_ready_line(lines: Sequence[str]) -> Ready | None:
-    """The line by which the services say that they serve."""
+    """Return the message that the services are ready; None if no line holds it."""
     for line in lines:
         try:
             # All other lines are those of the log.
@@ -300,15 +300,15 @@ def find_ready_line(lines: Sequence[str]) -> Ready | None:
 
 
 def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, ...]:
-    """Write down where planners are, and return the folders from which a service imports them.
+    """Register planners in a folder, and return the folders that a service must import from.
 
     Args:
         folder: folder to write to.
-        planners: module:Class by the name that campaigns give; modules are found where this process
-            finds them, and a function that is in no file is refused.
+        planners: module:Class by the name that campaigns give. Modules are found as in this
+            process; code that is not in a file is refused.
 
     Raises:
-        InvalidValue: a name is taken, or there is nothing at a place.
+        InvalidValue: a name is taken, or the class does not exist.
     """
     if not planners:
         return ()
@@ -330,10 +330,10 @@ def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, 
 
 
 def _find_home(place: str) -> Path:
-    """Return the folder from which the module of a loaded module:Class is imported.
+    """Return the folder that contains the module of a loaded module:Class.
 
     Raises:
-        InvalidValue: it is in no file that another process can import, such as a notebook's cell.
+        InvalidValue: another process cannot import it, such as a class in a notebook's cell.
     """
     module = place.partition(":")[0]
     spec = sys.modules[module].__spec__
@@ -345,7 +345,7 @@ def _find_home(place: str) -> Path:
 
 
 def _extend_python_path(folders: tuple[Path, ...]) -> dict[str, str]:
-    """Return the variable by which a process imports from these folders, too."""
+    """Return the environment variable that adds folders to a process's import path."""
     if not folders:
         return {}
     before = os.environ.get("PYTHONPATH", "")

@@ -1,4 +1,4 @@
-"""`eigenfail.local()`: a service of one's own, without a command line."""
+"""`eigenfail.local()`: a private service, without a command line."""
 
 import atexit
 from collections.abc import Mapping
@@ -23,20 +23,20 @@ from eigenfail.hosting.service import (
 class Local(AbstractContextManager[Client]):
     """A service on this machine that ends with its block, with `stop`, or with this process.
 
-    Whatever ends this process, a killed kernel of a notebook too, ends the service with it.
+    The service ends with this process in any case, for example if a notebook's kernel is killed.
 
     Args:
         data: folder of its database and logs, kept afterwards; None takes a temporary one.
-        workers: how many; 0 is one per core.
+        workers: number of workers; 0 is one per core.
         port: port of its dashboard and API; 0 is any free one.
-        launcher: starts the workers: `local`, as processes of the service; `ray`; or `none` where
-            they are started by hand.
-        planners: planners of one's own, as "module:Class" by the name that campaigns give; so they
-            need not be installed. The modules are found where this process finds them.
+        launcher: launcher of the workers: `local`, as processes of the service; `ray`; or `none` if
+            you start them by hand.
+        planners: your own planners, as "module:Class" by the name that campaigns give. They need
+            not be installed; their modules are found as in this process.
 
     Raises:
-        UnknownName: there is no such launcher.
-        InvalidValue: there are fewer than 0 workers, or planners have no names.
+        UnknownName: the launcher does not exist.
+        InvalidValue: the number of workers is negative, or planners are given without names.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Local(AbstractContextManager[Client]):
 
     @property
     def url(self) -> str:
-        """Where its dashboard and API are.
+        """Address of its dashboard and API.
 
         Raises:
             ServiceError: it does not run.
@@ -68,13 +68,13 @@ class Local(AbstractContextManager[Client]):
         return self._running().address.url
 
     def start(self) -> Client:
-        """Start it; a client of it.
+        """Start the service, and return a client for it.
 
         Raises:
-            PortTaken: something else listens there.
+            PortTaken: another process listens on the port.
             StoreUnavailable: the data folder cannot be written.
-            InvalidValue: a planner's name is taken, or there is nothing at its place.
-            ServiceError: it runs already, a part is not installed, or did not come up.
+            InvalidValue: a planner's name is taken, or its class does not exist.
+            ServiceError: it runs already, a part is not installed, or did not start.
         """
         if self._service is not None:
             raise ServiceError(f"This service is already running at {self.url}.", "Use its client.")
@@ -94,13 +94,13 @@ class Local(AbstractContextManager[Client]):
         return client
 
     def stop(self) -> None:
-        """Stop the service and all of its processes; later calls have no effect."""
+        """Stop the service and all of its processes; later calls do nothing."""
         atexit.unregister(self.stop)
         self._service = None
         self._stack.close()
 
     def check(self) -> None:
-        """Make sure that it is well.
+        """Check that the service and all of its processes run.
 
         Raises:
             ServiceError: it does not run, or one of its processes has ended.
@@ -108,11 +108,11 @@ class Local(AbstractContextManager[Client]):
         self._running().check()
 
     def __repr__(self) -> str:
-        """Whether it runs, and where."""
+        """Return the class name with the address, or that it does not run."""
         return f"<Local: {self.url if self._service else 'does not run'}>"
 
     def __enter__(self) -> Client:
-        """Start it."""
+        """Start the service."""
         return self.start()
 
     def __exit__(
@@ -121,7 +121,7 @@ class Local(AbstractContextManager[Client]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End it."""
+        """Stop the service."""
         self.stop()
 
     def _running(self) -> LocalService:

@@ -1,4 +1,4 @@
-"""Tables of analyses: failure modes, what they are worth, and their proof by replay."""
+"""Tables of analyses: failure modes, their reliability, and their proof by replay."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -27,7 +27,7 @@ TOO_FEW = "Eigenfailures of so few components may not fail again: use more with 
 
 
 class ChannelWords(NamedTuple):
-    """What the channels of the noise are called: one, several, and all of them together."""
+    """Words for the channels of the noise: for one, for several, and for all together."""
 
     one: str
     several: str
@@ -39,15 +39,15 @@ MOST_CHANNELS = 3
 
 
 def pick_channels(weights: Floats) -> list[int]:
-    """Return the columns of the channels that are shown: those of the greatest weight in all.
+    """Return the columns of the channels to show: those with the greatest total weight.
 
     Args:
-        weights: what counts for each channel, not negative, shape (steps, channels): the influence,
-            or the square of its noise.
+        weights: weight of each channel at each step, not negative, shape (steps, channels): its
+            influence, or the square of its noise.
 
     Returns:
-        All columns in their order, if there are at most `MOST_CHANNELS`; else the first so many
-        by weight.
+        All columns in their order, if there are at most `MOST_CHANNELS`; otherwise the
+        `MOST_CHANNELS` columns with the greatest weight.
     """
     count = weights.shape[1]
     if count <= MOST_CHANNELS:
@@ -56,7 +56,7 @@ def pick_channels(weights: Floats) -> list[int]:
 
 
 def rank_channels(weights: Floats) -> list[int]:
-    """Return the columns of channels, those with the greatest sum of their weights first."""
+    """Return the columns of channels in order of their summed weights, the greatest first."""
     # Stable: channels of equal weight keep their order, or the same analysis would be drawn
     # differently on another machine.
     sums = np.asarray(weights, np.float64).sum(axis=0)
@@ -64,7 +64,7 @@ def rank_channels(weights: Floats) -> list[int]:
 
 
 def choose_channel_words(channels: Sequence[str]) -> ChannelWords:
-    """Return the words for these channels; those of the noise of a position are its axes."""
+    """Return the words for channels; the channels of position noise are called axes."""
     if tuple(channels) == AXES:
         return ChannelWords("axis", "axes", "both")
     return ChannelWords("channel", "channels", "all")
@@ -73,8 +73,8 @@ def choose_channel_words(channels: Sequence[str]) -> ChannelWords:
 def tabulate_modes(campaign: int, result: AnalysisResult) -> tables.Table:
     """Return the failure modes of a campaign, counted from 1; disturbances in sigma.
 
-    Where they are not distinct they are called groups. Of more than `MOST_CHANNELS` channels a row
-    has the strongest of its eigenfailure.
+    Modes that are not distinct are called groups. With more than `MOST_CHANNELS` channels, a row
+    shows only the strongest channel of its eigenfailure.
     """
     has_probability = any(mode.probability for mode in result.modes)
     list_disturbances: Callable[[FailureMode, Sequence[str]], Iterator[tables.Cell]] = (
@@ -138,9 +138,9 @@ def describe_modes(campaign: int, result: AnalysisResult) -> tuple[tables.Block,
 
 
 def list_mode_words(result: AnalysisResult) -> Iterator[str]:
-    """Yield what each mode is, in words that begin with its number.
+    """Yield a description of each mode that begins with its number.
 
-    They are stored as words on modes; where these are not distinct they are called groups.
+    The stored words say "mode"; modes that are not distinct are called groups here.
     """
     noun = result.cluster_noun.capitalize()
     for place, words in enumerate(result.words, start=1):
@@ -156,7 +156,7 @@ SPANS = {"collision": "before the collision", "start": "from the start on"}
 
 
 def describe_grouping(result: AnalysisResult) -> str:
-    """Return the features by which failures were grouped."""
+    """Return the features that failures were grouped by, in words."""
     found = result.behaviour
     words = GROUPINGS[result.features].format(SPANS[found.origin] if found else "")
     return f"{words}, and by the vehicle that it struck" if found and found.struck else words
@@ -194,7 +194,7 @@ def describe_findings(result: AnalysisResult) -> Iterator[str]:
 
 
 def describe_diversity(result: AnalysisResult) -> Iterator[str]:
-    """Return how the failures spread over modes, and whether these have collapsed."""
+    """Yield how the failures spread over modes, and whether the modes have collapsed."""
     found = result.diversity
     if found is None:
         return
@@ -276,12 +276,12 @@ def tabulate_last_influence(result: AnalysisResult) -> tables.Table:
 
 
 def tabulate_noise_within(result: AnalysisResult, step_s: float | None = None) -> tables.Table:
-    """Return how the noise differs among the failures of each mode, where behaviour groups them.
+    """Return how the noise differs within each mode, for failures that are grouped by behaviour.
 
     Args:
         result: result of the analysis.
-        step_s: duration of a step of failures that are aligned at the collision; None of others,
-            whose steps count from the start. [s]
+        step_s: duration of a step if failures are aligned at the collision; None if their steps
+            count from the start. [s]
     """
     noun = result.cluster_noun
     columns = (
@@ -316,7 +316,7 @@ def _find_difference(
 
 
 def tabulate_sources(result: AnalysisResult) -> tables.Table:
-    """Return the campaigns that were analysed, as they stood then."""
+    """Return the analysed campaigns, in their state at that time."""
     return tables.tabulate(
         "Analysed campaigns",
         result.sources,
@@ -334,7 +334,7 @@ def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[t
 
     Args:
         proof: results of the replays so far.
-        noun: what the analysis calls its clusters, see `AnalysisResult.cluster_noun`.
+        noun: the analysis's noun for its clusters, see `AnalysisResult.cluster_noun`.
         unit: unit of robustness; empty for a function or requirements.
     """
     replays = tabulate_replays(proof, noun, unit)
@@ -371,7 +371,7 @@ def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> table
 
 
 def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> Iterator[str]:
-    """Return how many replays failed again, of those tried, in sentences."""
+    """Yield how many of the replays failed again, in sentences."""
     yield f"{_count_failed_again(proof.reproduced, 'eigenfailures', unit)} in the same scenario."
     # Of one scenario these counts would repeat the sentence above.
     if len(proof.scenarios) > 1:
@@ -398,7 +398,7 @@ def _count_failed_again(found: Reproduction, replayed: str, unit: str) -> str:
 
 
 def format_reproduction(found: Reproduction, unit: str = "m") -> tables.FormattedCell:
-    """Return how many replays failed again, of those tried, and how near they came if none did.
+    """Return how many replays failed again, and the smallest robustness if none did.
 
     Args:
         found: count of the replays.

@@ -65,7 +65,7 @@ ROUNDING = 1e-9
 
 
 def tabulate_results(summaries: Iterable[Summary]) -> tables.Table:
-    """Return what campaigns found and what it cost, one a row, with remarks on their rates."""
+    """Return the findings and costs of campaigns, one a row, with remarks on their rates."""
     found = list(summaries)
     # Few methods estimate a probability: without one the column would hold dashes alone.
     last = [tables.Reading(PROBABILITY, "estimate")] if any(each.estimate for each in found) else []
@@ -153,7 +153,7 @@ def list_campaign_facts(campaign: Campaign) -> tables.FactTable:
 
 
 def list_labels(spec: CampaignSpec) -> Iterator[tuple[str, str]]:
-    """Yield version of the planner, project and tags of a campaign, those that are given."""
+    """Yield a campaign's planner version, project and tags, if they are given."""
     given = {
         "planner version": spec.version,
         "project": "" if isinstance(spec.project, UnsetType) else spec.project,
@@ -243,7 +243,7 @@ def describe_classes(conflicts: Conflicts) -> str:
 
 
 def tabulate_course(course: Course, unit: str = "m") -> tuple[tables.Block, ...]:
-    """Return the blocks of a course, one a row, under what it shows.
+    """Return the blocks of a course, one a row, under a heading.
 
     Args:
         course: blocks of its episodes.
@@ -268,7 +268,7 @@ def tabulate_course(course: Course, unit: str = "m") -> tuple[tables.Block, ...]
 def tabulate_safety_measures(found: Safety) -> tables.Table:
     """Return the number of episodes beyond each threshold, the medians and the worst cases.
 
-    Of a function, only the number of failures.
+    For a function, return only the number of failures.
     """
     ttc, drac = found.ttc, found.drac
     counts = (tables.TableColumn("Episodes"), tables.TableColumn("Share [95 %]"))
@@ -293,7 +293,7 @@ def tabulate_safety_measures(found: Safety) -> tables.Table:
 
 
 def _list_failures(found: Safety) -> Iterator[tuple[tables.Cell, ...]]:
-    """Yield the row of the failures, and one for each requirement that is named."""
+    """Yield the row of the failures, and one row for each named requirement."""
     # Without named requirements every failure is a collision, which has a row of its own.
     if found.requirements:
         yield ("Failure", *_count_rate(found.failures), None, None, None)
@@ -340,7 +340,7 @@ def _explain_figure(value: Figure | None, basis: str) -> tables.FormattedCell:
 def describe_safety(found: Safety) -> tuple[tables.Block, ...]:
     """Return the safety measures of a campaign, the classes and the severity of its collisions.
 
-    Those of a function have neither; its notes say so.
+    Failures of a function have neither classes nor severity; a note explains this.
     """
     title = f"Safety measures of campaign {found.campaign}, {found.name} ({found.method}): "
     heading = f"{title}{format_count(found.completed)} episodes"
@@ -365,7 +365,7 @@ def describe_safety(found: Safety) -> tuple[tables.Block, ...]:
 
 
 def describe_costs(found: Sequence[CampaignCost]) -> tuple[tables.Block, ...]:
-    """Return the costs of campaigns, how their time was spent, and failures over cost."""
+    """Return the costs of campaigns, the use of their time, and their failures over cost."""
     return (
         tabulate_bill(found),
         "",
@@ -378,7 +378,7 @@ def describe_costs(found: Sequence[CampaignCost]) -> tuple[tables.Block, ...]:
 
 
 def tabulate_bill(found: Sequence[CampaignCost]) -> tables.Table:
-    """Return what each campaign cost, and what that bought."""
+    """Return the cost of each campaign, and the failures and modes it found for that cost."""
     return tables.tabulate(
         "Cost",
         found,
@@ -395,7 +395,7 @@ def tabulate_bill(found: Sequence[CampaignCost]) -> tables.Table:
 
 
 def tabulate_time(found: Sequence[CampaignCost]) -> tables.Table:
-    """Return what the time went into that each campaign was billed for."""
+    """Return the use of the billed time of each campaign."""
     parts = [tables.TableColumn(words.capitalize(), "share") for words in PARTS_OF_TIME.values()]
     columns = (ID, *tables.name_columns("Method"), tables.TableColumn("Active", "s"), *parts)
     rows = tuple((str(each.campaign), each.method, *_list_time(each)) for each in found)
@@ -411,14 +411,14 @@ def _list_time(found: CampaignCost) -> Iterator[tables.Cell]:
 
 
 def list_amounts(found: Iterable[CampaignCost]) -> list[float]:
-    """Return even amounts [USD] up to the cost of the most expensive campaign."""
+    """Return evenly spaced amounts [USD] up to the cost of the most expensive campaign."""
     # All campaigns share the amounts, so that what each found by one of them can be compared.
     most = max((each.cost.total_usd for each in found), default=0.0)
     return [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)] if most else []
 
 
 def find_purchase(found: CampaignCost, spent_usd: float) -> CostPoint | None:
-    """Return what a campaign had found by an amount; None once nothing more was spent."""
+    """Return a campaign's findings after spending an amount; None beyond its total cost."""
     # The last amount is a campaign's total itself, up to the rounding of a division.
     if spent_usd > found.cost.total_usd * (1.0 + ROUNDING):
         return None
@@ -458,7 +458,7 @@ def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = 
 
     Args:
         found: the comparison.
-        bills: bills of the campaigns of each side, where what they cost is shown, too.
+        bills: bills of the campaigns of each side; empty to leave out their costs.
     """
     figures = (("A", *_list_side(found.a)), ("B", *_list_side(found.b)))
     columns = (*tables.name_columns("", "Campaigns"), *SIDES)
@@ -469,14 +469,14 @@ def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = 
 
 
 def _list_bill(costs: Sequence[CampaignCost]) -> tuple[tables.Cell, ...]:
-    """Of the modes of several campaigns some may be the same: only those of one have a price."""
+    """Return cost, cost per mode and use of time; several campaigns may share modes: no price."""
     spent = sum(cost.cost.total_usd for cost in costs)
     per_mode = costs[0].per_mode_usd if len(costs) == 1 else "of one campaign at a time"
     return (spent, per_mode, *(_share_time(costs, part) for part in PARTS_OF_TIME))
 
 
 def _share_time(costs: Sequence[CampaignCost], part: str) -> tables.Cell:
-    """A part of the time of all campaigns; a dash where one of them did not measure it."""
+    """Return a part of the time of all campaigns; a dash if one of them did not measure it."""
     active_s = sum(cost.time.active_s for cost in costs)
     known = [part_s for cost in costs if (part_s := getattr(cost.time, part)) is not None]
     if len(known) < len(costs) or active_s <= 0.0:
@@ -499,7 +499,7 @@ def _list_side(side: Side) -> tuple[tables.Cell, ...]:
 
 
 def describe_comparison(found: Comparison) -> tuple[tables.Block, ...]:
-    """Return the figures of two sides, what they say, and what speaks against it."""
+    """Return the figures of two sides, the conclusions, the differing settings, and warnings."""
     differences = tuple((each.thing, each.a, each.b) for each in found.distinctions)
     table = tables.Table("Settings", tables.name_columns("Differs in", "A", "B"), differences)
     return (
@@ -520,7 +520,7 @@ def tabulate_workers(
     Args:
         shares: shares of all workers.
         format_time: writes the time of the last result.
-        most: how many are shown; None shows all.
+        most: number of workers to show; None shows all.
     """
     total = sum(share.episodes for share in shares)
     shown = shares[:most]
@@ -541,7 +541,7 @@ def tabulate_workers(
 
 
 def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> tables.Table:
-    """Return the results of campaigns that are compared, one a row."""
+    """Return the results of compared campaigns, one a row."""
     by_id = {campaign.id: campaign for campaign in campaigns}
     return tables.tabulate(
         "Figures",

@@ -41,7 +41,7 @@ MEASURED = (
 
 
 def tabulate_episodes(rows: Iterable[EpisodeRow], unit: str = "") -> tables.Table:
-    """Return a list of episodes; `unit` is that of their robustness, empty if it is not known."""
+    """Return a list of episodes; `unit` is their unit of robustness, empty if it is not known."""
     robustness = tables.read_number("Robustness", "robustness_m", unit)
     return tables.tabulate("Episodes", rows, *HOW_IT_ENDED, robustness, *MEASURED)
 
@@ -54,7 +54,7 @@ def tabulate_failures(rows: Iterable[EpisodeRow]) -> tables.Table:
 def tabulate_fields(
     names: Sequence[str], rows: Iterable[Mapping[str, Value | None]]
 ) -> tables.Table:
-    """Return some columns of episodes, under the names that filters have for them."""
+    """Return some columns of episodes, with the column names that filters use."""
     # Named as in filters: what is listed can be typed into the next filter.
     described = (find_column(name, "fields") for name in names)
     columns = tuple(tables.TableColumn(each.name, is_figure=each.is_ordered) for each in described)
@@ -81,9 +81,9 @@ def list_episode_facts(
     """Return one episode with the scenario parameters that it drew, and its measures.
 
     Args:
-        name: what the table calls it.
+        name: name of the episode in the table.
         result: the episode.
-        spec: of its campaign, where that is known: it names the requirements.
+        spec: specification of its campaign, if known; it names the requirements.
         drawn: scenario parameters that the episode drew.
     """
     # Of a function robustness alone was measured, which has no unit.
@@ -115,7 +115,7 @@ def list_episode_facts(
 def list_channel_likelihoods(
     likelihoods: Sequence[ChannelLikelihood],
 ) -> Iterator[tuple[str, str]]:
-    """Return log p of the noise of each channel, and the same relative to that of z = 0."""
+    """Yield log p of the noise of each channel, absolute and relative to log p of z = 0."""
     for each in likelihoods:
         of_channel = figures.format_number(each.log_probability, LOG_P_DIGITS)
         relative = figures.format_number(each.relative, LOG_P_DIGITS)
@@ -127,7 +127,7 @@ OF_REQUIREMENTS = frozenset({"nearest_m", "violated"})
 
 
 def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[str, str]]:
-    """Return the measures of an episode by label and unit, then its lead times."""
+    """Yield the measures of an episode by label and unit, then its lead times."""
     # Without requirements both would be a dash in every episode.
     absent = OF_REQUIREMENTS if measures.nearest_m is None else frozenset[str]()
     for declared, values in ((MEASURES, measures), (LEAD_TIMES, assessed)):
@@ -147,11 +147,11 @@ def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[st
 
 
 def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[tuple[str, str]]:
-    """Yield each requirement that is named, with the robustness of an episode.
+    """Yield each named requirement, with the robustness of an episode.
 
     Args:
         spec: the campaign.
-        values: robustness of each requirement; none of an episode that errored.
+        values: robustness of each requirement; empty for an errored episode.
     """
     # Not strict: an episode that errored was judged by no requirement.
     for each, value in zip(spec.named_requirements, values, strict=False):
@@ -164,12 +164,12 @@ def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[
 
 
 def format_event(at_s: float | None) -> str:
-    """Return the time of an event, or that it never came."""
+    """Return the time of an event, or words for an event that never occurred."""
     return "never" if at_s is None else figures.format_quantity(at_s, "s")
 
 
 def tabulate_thresholds(measures: Measures, assessed: Assessment) -> tables.Table:
-    """Return the safety measures of an episode, their thresholds, and when these were passed."""
+    """Return the safety measures of an episode, their thresholds, and the times of crossing."""
     # Older releases, which did not count clipped steps, did not measure the times either.
     has_times = measures.clipped_steps is not None
 
@@ -215,7 +215,7 @@ def _describe_drac(measures: Measures) -> Iterator[str]:
 
 
 def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
-    """Return how much of the noise is needed, what it does, and why no more can be left out."""
+    """Return how much noise is needed, its effect, and why it cannot be reduced further."""
     # Noise of zeros has no energy to keep a share of.
     kept = found.energy / found.full_energy if found.full_energy else None
     likelihood, full = (
@@ -297,16 +297,16 @@ SHOW_STEPS = "Show what the planner believed and decided in each step with --ste
 
 
 def describe_explanation(explanation: Explanation, *, with_steps: bool) -> tuple[tables.Block, ...]:
-    """Return an explained episode: remarks on the replay, the story, and its steps if wanted."""
+    """Return an explained episode: remarks on the replay, the story, and optionally its steps."""
     remarks = [line for line in (explanation.verdict, explanation.note) if line]
     steps = (tabulate_steps(explanation.steps),) if with_steps else (SHOW_STEPS,)
     return (*remarks, "", *explanation.story, "", *steps)
 
 
 def tabulate_steps(steps: Sequence[ExplainedStep]) -> tables.Table:
-    """Return the steps, one a row, without the columns that no step has a value for.
+    """Return the steps, one a row, without columns that are empty in all steps.
 
-    Each additional value that a planner reports has a column of its own.
+    Each additional value that a planner reports has a separate column.
     """
     others = dict.fromkeys(name for step in steps for name in step.account)
     readings = {"Time": lambda step: step.time_s, **WORDS, **READINGS}

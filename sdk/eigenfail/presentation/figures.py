@@ -1,13 +1,13 @@
 """The formatter of numbers, the same on terminal, page, report and notebook.
 
-Digits: a measured number has three significant digits, between 0.001 and 1,000,000 without a power
-of ten; larger numbers keep all digits before the point. A half is rounded away from zero. A share
-is in percent with three significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has three
-significant digits and at least two decimals, and never a power of ten. A count is exact, with its
-thousands apart. A 95 % interval stands in brackets, with the digits of a number each; its ends, and
-other bounds, are rounded outwards, so that what is printed contains what was computed. An unknown
-value is a dash, never a zero. Programs read JSON, CSV and the REST API, which hold the numbers
-unrounded.
+A measured number has three significant digits. Between 0.001 and 1,000,000 it is written without a
+power of ten; larger numbers keep all digits before the point. A half is rounded away from zero. A
+share is in percent with three significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has
+three significant digits and at least two decimals, and never a power of ten. A count is exact, with
+its thousands apart. A 95 % interval is in brackets; each end has the digits of a number. Its ends
+and other bounds are rounded outwards, so that the printed interval contains the computed one. An
+unknown value is a dash, never a zero. Programs read JSON, CSV and the REST API, which hold the
+numbers unrounded.
 """
 
 import re
@@ -41,7 +41,7 @@ class Bounds(Protocol):
 
 
 def format_count(value: int | None) -> str:
-    """Return a count with its thousands apart."""
+    """Return a count with separated thousands."""
     return UNKNOWN if value is None else f"{value:,}"
 
 
@@ -99,12 +99,12 @@ def put_unit(text: str, unit: str) -> str:
 
 
 def round_down(value: float, digits: int = DIGITS) -> float:
-    """Return the largest number of these significant digits that is not above the value."""
+    """Return the largest number with `digits` significant digits that is not above the value."""
     return _round(value, digits, ROUND_FLOOR)
 
 
 def round_up(value: float, digits: int = DIGITS) -> float:
-    """Return the smallest number of these significant digits that is not below the value."""
+    """Return the smallest number with `digits` significant digits that is not below the value."""
     return _round(value, digits, ROUND_CEILING)
 
 
@@ -143,14 +143,14 @@ def format_signed_interval(interval: Bounds, factor: float = 1.0) -> str:
 
 
 def format_usd_interval(interval: Bounds) -> str:
-    """Return an interval of an amount of money in brackets, rounded outwards as far as it shows."""
+    """Return an interval of an amount of money in brackets, rounded outwards at its last digit."""
     low = round_down(interval.low, _count_usd_digits(interval.low))
     high = round_up(interval.high, _count_usd_digits(interval.high))
     return f"[{format_usd(low)}, {format_usd(high)}]"
 
 
 def _count_usd_digits(amount: float) -> int:
-    """Return the number of significant digits that an amount is printed with, cents included."""
+    """Return the number of significant digits for printing an amount, cents included."""
     return DIGITS if amount <= 0.0 else max(DIGITS, floor(log10(amount)) + 3)
 
 
@@ -174,7 +174,7 @@ def format_local_time(at_ms: int | None) -> str:
 
 
 def format_utc(at_ms: int | None) -> str:
-    """Return a time in UTC, for what people in several zones read."""
+    """Return a time in UTC, for readers in several time zones."""
     return UNKNOWN if at_ms is None else f"{_read_time(at_ms).strftime(_TIME)} UTC"
 
 

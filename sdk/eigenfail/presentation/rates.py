@@ -1,4 +1,4 @@
-"""The words for what a failure rate under p(x) estimates, and how."""
+"""Words for failure rates under p(x), and for the way they are estimated."""
 
 from collections.abc import Iterable, Mapping
 
@@ -44,17 +44,17 @@ FAILED_SHARE = "Share of episodes that failed"
 def name_rates(rates: Iterable[Rate | None]) -> str:
     """Return the heading of shares of failures, in sentence case.
 
-    The share of the episodes that a search chose is not a failure rate: a heading above one of them
-    says what is true of all.
+    The share of failures among episodes that a search chose is not a failure rate. If one of the
+    shares is from a search, the heading says so for all of them.
     """
     searched = any(rate is not None and not rate.sampled for rate in rates)
     return FAILED_SHARE if searched else FAILURE_RATE
 
 
 def format_rate(rate: Rate) -> str:
-    """Return the estimate of a rate with its interval in percent, or the one of both that is known.
+    """Return the estimate of a rate and its interval in percent, or the part that is known.
 
-    With the numbers of episodes see `format_counted_rate`.
+    See `format_counted_rate` for a rate with its number of episodes.
     """
     if rate.interval is None:
         return figures.format_share(rate.value)
@@ -64,7 +64,7 @@ def format_rate(rate: Rate) -> str:
 
 
 def format_counted_rate(rate: Rate) -> str:
-    """Return a rate of a random sample with the episodes that it rests on."""
+    """Return a rate of a random sample with its numbers of episodes."""
     # Without an event the estimate is 0, which says less than its upper bound.
     if not rate.k and rate.interval is not None:
         return f"{count_trials(rate)}: {figures.format_upper_bound(rate.interval.high)}"
@@ -72,7 +72,7 @@ def format_counted_rate(rate: Rate) -> str:
 
 
 def count_trials(rate: Rate) -> str:
-    """Return the events and the episodes of a rate, with those that may hide an event."""
+    """Return the events and episodes of a rate, with the number of episodes that may hide one."""
     return f"{rate.k:,} of {count_completed(rate)}"
 
 
@@ -85,7 +85,7 @@ def list_doubtful(errored: int, unresolved: int) -> str:
 
 
 def count_completed(rate: Rate) -> str:
-    """Return the completed episodes of a rate, with the number of those that may hide an event."""
+    """Return a rate's completed episodes, with the number of episodes that may hide an event."""
     return ", ".join([f"{rate.n:,}", *_count_doubtful(rate.errored, rate.unresolved)])
 
 
@@ -96,9 +96,9 @@ def _count_doubtful(errored: int, unresolved: int) -> list[str]:
 
 
 def explain_design(rate: Rate) -> str:
-    """Return how a rate is estimated where a stop rule judged failures, as a sentence.
+    """Return a sentence on how a rate is estimated if a stop rule judged failures.
 
-    Empty for a fixed number of episodes, and if none failed, which leaves only an upper bound.
+    It is empty for a fixed number of episodes, and if none failed, which leaves an upper bound.
     """
     if not rate.k or rate.design is not RateDesign.FAILURES:
         return SENTENCES[rate.design] if rate.k else ""

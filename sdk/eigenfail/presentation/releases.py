@@ -1,4 +1,4 @@
-"""Tables of releases: the versions of a planner, and what became of each failure mode."""
+"""Tables of releases: the versions of a planner, and the status of each failure mode."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
@@ -20,7 +20,7 @@ BASELINE = "in the first version compared"
 
 
 def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> tables.Table:
-    """Return the scenarios in which versions of a planner were tested, one a row."""
+    """Return the scenarios that versions of a planner were tested in, one a row."""
     return tables.tabulate(
         "Releases",
         questions,
@@ -35,7 +35,7 @@ def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> tables.Table:
 
 
 def tabulate_releases(found: ReleaseTable) -> tuple[tables.Block, ...]:
-    """Return the versions, their failure modes, and what limits the comparison."""
+    """Return the versions, their failure modes, and the limits of the comparison."""
     asked = found.question
     return (
         f"{asked.planner} in {asked.scenario}, {asked.requirements}, by {asked.method}",
@@ -62,10 +62,10 @@ class NewestComparison(NamedTuple):
 
     Attributes:
         version: the newest version.
-        before: newest version before it whose failure modes are compared; empty without one.
-        modes: failure modes of either version, by what became of them in the newest one.
-        words: earlier versions that are left out, with the reason, and how many modes there are of
-            each status, or why nothing is compared, in sentences.
+        before: newest earlier version whose failure modes are compared; empty without one.
+        modes: failure modes of either version, by their status in the newest version.
+        words: sentences on earlier versions that are left out, with the reason, and on the number
+            of modes by status, or on why nothing is compared.
     """
 
     version: str
@@ -75,7 +75,7 @@ class NewestComparison(NamedTuple):
 
 
 def compare_newest(table: ReleaseTable) -> NewestComparison:
-    """Return what became of failure modes in the newest version.
+    """Compare the failure modes of the newest version with the version before it.
 
     A mode that neither of the two versions has is left out.
     """
@@ -104,7 +104,7 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
 
 
 def _describe_left_out(release: Release) -> str:
-    """Return what is known of a version that is not compared, and why, in sentences."""
+    """Return sentences on a version that is left out: its failures, episodes, and the reason."""
     failures = count_noun(release.failures, "failure")
     episodes = count_noun(release.episodes, "episode")
     return f"{release.version}, with {failures} in {episodes}, is not compared. {release.problem}"
@@ -144,14 +144,14 @@ def name_mode(mode: ReleaseMode) -> str:
 
 
 def format_sighting(sighting: ModeSighting) -> tables.Cell:
-    """Return what became of a mode in a version as text, with its number of failures."""
+    """Return the status of a mode in a version as text, with its number of failures."""
     # A count of 0 would repeat what the status says.
     failures = f" ({sighting.failures:,})" if sighting.failures else ""
     return f"{format_status(sighting)}{failures}"
 
 
 def format_status(sighting: ModeSighting) -> str:
-    """Return what became of a mode in a version as text."""
+    """Return the status of a mode in a version as text."""
     # Words say why a version is not compared; without them the mode has no place in it.
     if sighting.status is None:
         return NOT_COMPARED if sighting.words else UNKNOWN

@@ -24,7 +24,7 @@ def label_spread(spread: SeedSpread, is_only: bool) -> str:
 
     Args:
         spread: the campaigns.
-        is_only: whether there is no other group, from which its settings would distinguish it.
+        is_only: whether it is the only group; otherwise the label begins with the group's name.
     """
     kind = "mean over" if spread.pooled is None else "rate of all episodes, means over"
     words = f"{kind} {figures.count_noun(len(spread.seeds), 'seed')}"
@@ -50,7 +50,7 @@ def list_spread(spread: SeedSpread) -> tuple[tables.Cell, ...]:
 def tabulate_spreads(spreads: Sequence[SeedSpread]) -> tables.Table:
     """Return mean, spread, median and range of each figure, one a row, group by group.
 
-    Beside the share of failures stands the seed that has the fewest.
+    The row of the share of failures also names the seed with the fewest failures.
     """
     is_only = len(spreads) == 1
     over = figures.count_noun(len(spreads[0].seeds), "seed") if is_only else "seeds"
@@ -80,7 +80,7 @@ def tabulate_spreads(spreads: Sequence[SeedSpread]) -> tables.Table:
 
 
 def _name_group(spread: SeedSpread) -> tuple[str, ...]:
-    """Return the notes of a group, each behind its name: they state its pooled rate."""
+    """Return the notes of a group, each after the group's name, since they state a pooled rate."""
     return tuple(f"{spread.name}: {note}" for note in spread.notes)
 
 
@@ -117,7 +117,7 @@ def _list_extremes(figure: SeedFigure | None, write: Format) -> tuple[tables.Cel
 
 
 def _list_first(found: FirstFailures) -> tuple[tables.Cell, ...]:
-    """Return the median, the largest number, and the seed with it."""
+    """Return the median, the largest number, and the seed with the largest number."""
     none = f"none in {figures.count_noun(found.within, 'episode')}"
     largest = none if found.worst is None else figures.format_count(found.worst)
     median = figures.UNKNOWN if found.median is None else f"{found.median:,g}"
@@ -141,7 +141,7 @@ def _format_share_interval(interval: Interval) -> str:
 
 
 def list_remarks(spread: SeedSpread) -> Iterator[str]:
-    """Return the mean share in a sentence, and remarks on these seeds."""
+    """Yield the mean share in a sentence, and remarks on the seeds."""
     yield _describe_share(spread)
     figure, first = spread.log_probability_per_step, spread.first
     # If no seed found a failure, the sentence on the cost says so.

@@ -32,7 +32,7 @@ class SuitePlan(msgspec.Struct, frozen=True):
 
 
 class MemberResult(msgspec.Struct, frozen=True):
-    """The result of a member; without state and summary where it has no campaign yet."""
+    """The result of a member; state and summary are None as long as its campaign is missing."""
 
     name: str
     state: CampaignState | None = None
@@ -44,7 +44,7 @@ class SuiteResult(msgspec.Struct, frozen=True):
     """The results of a suite's members.
 
     Attributes:
-        over_seeds: mean and spread of the members that differ in their seeds alone.
+        over_seeds: mean and spread of the members that differ only in their seeds.
     """
 
     suite: str
@@ -103,7 +103,7 @@ def _describe_state(member: MemberResult) -> str | None:
 def _read_summary(
     readings: Iterable[tables.Reading], found: Iterable[Summary]
 ) -> Iterator[tables.Reading]:
-    """Yield columns of the summary of a member, and of its estimate if a member has one."""
+    """Yield columns of a member's summary, and of its estimate if any member has one."""
     # A member without a campaign has no summary: its cells are dashes.
     for reading in readings:
         yield reading._replace(read=f"summary.{reading.read}")
@@ -145,7 +145,7 @@ def _describe_states(suite: SuiteStanding) -> str:
 
 
 def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:
-    """Return the members of a suite, with the settings in which they differ."""
+    """Return the members of a suite, with their differing settings."""
     summaries = [row.summary for row in found.members]
 
     def read_setting(column: str) -> tables.Reading:
@@ -173,7 +173,7 @@ def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:
 
 
 def format_settings(row: SuiteRow, columns: Iterable[str]) -> tuple[str, ...]:
-    """Return a member's settings in these columns."""
+    """Return the cells of a member's settings in the given columns."""
     # Distributions have words of their own; other values are shown as they were given.
     varied = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
     known = {name: varied.get(name) or _shorten(each) for name, each in row.settings.items()}
@@ -185,7 +185,7 @@ def _shorten(value: object) -> str:
 
 
 def note_omissions(found: SuiteTable) -> Iterator[str]:
-    """Return which campaigns of the suite are not in its table."""
+    """Yield sentences on campaigns of the suite that are not in its table."""
     if found.earlier:
         yield f"Left out: {count_noun(found.earlier, 'earlier campaign')} of the same names."
     if found.left_out:

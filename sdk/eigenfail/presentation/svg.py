@@ -1,7 +1,7 @@
-"""Diagrams of matplotlib as SVG files: one look for all, and each with its title and words.
+"""Diagrams of matplotlib as SVG files: with one style, and each with a title and a description.
 
-For authors of plug-ins whose pages and files have pictures. Lines, markers and hatches differ
-beside the colours, so that no series is told from another by its colour alone.
+It is for authors of plug-ins whose pages and files have pictures. Lines, markers and hatches differ
+as well as colours, so that readers need not distinguish series by colour alone.
 """
 
 import io
@@ -23,7 +23,7 @@ INK, MUTED, GRID = "#16202a", "#525e6b", "#d6dbe1"
 
 
 class Drawing(NamedTuple):
-    """Draws a picture on a figure of the usual width.
+    """A function that draws a picture on a figure of the usual width.
 
     Attributes:
         height_in: height of the figure [inch].
@@ -43,7 +43,7 @@ class Mark(NamedTuple):
 
     @property
     def style(self) -> dict[str, Any]:
-        """Of a line through marks, as matplotlib takes it."""
+        """Return matplotlib's arguments for a line with markers."""
         return {"color": self.colour, "linestyle": self.line, "marker": self.marker}
 
 
@@ -111,11 +111,10 @@ def draw_svg(name: str, title: str, alternative: str, drawing: Drawing) -> str:
     """Return a picture as an SVG file.
 
     Args:
-        name: name of the picture. The names of its parts follow from it, so that it must be the
-            only one of that name on a page.
-        title: what it shows.
+        name: name of the picture, unique on a page, since the names of its parts follow from it.
+        title: title of the picture.
         alternative: description of the picture in words.
-        drawing: draws it.
+        drawing: draws the picture.
     """
     with _use_style(name):
         from matplotlib.backends.backend_svg import FigureCanvasSVG

@@ -1,8 +1,8 @@
 """The form of a table, and how its cells become text.
 
-A table holds values; `format_cell` makes text of them, and a renderer arranges the text. A cell
-may have several parts: the value itself, its interval, the sample and the basis that it rests on.
-A terminal has them on one line, a page and a report have them below one another.
+A table holds values; `format_cell` turns them into text, and a renderer arranges the text. A cell
+may have several parts: the value, its interval, the sample, and the basis of the value. A terminal
+shows the parts on one line; a page and a report show them below one another.
 """
 
 import re
@@ -29,10 +29,10 @@ class FormattedCell(NamedTuple):
     """A cell as text.
 
     Attributes:
-        value: the value, with its unit if the column does not have it.
-        interval: interval of 95 %, in brackets; empty without one.
-        sample: the number of episodes behind the value, if no other column has it.
-        basis: what else the value rests on, a line each; terminals leave it out.
+        value: the value, with its unit if the column does not show it.
+        interval: 95 % interval, in brackets; empty without one.
+        sample: number of episodes behind the value, if it is not in another column.
+        basis: further facts behind the value, one per line; terminals leave them out.
     """
 
     value: str
@@ -48,13 +48,13 @@ class FormattedCell(NamedTuple):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The line below the value."""
+        """The lines below the value."""
         interval = f"95 %: {self.interval}" if self.interval else ""
         return tuple(filter(None, (interval, self.sample, *self.basis)))
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The value, and what stands below it."""
+        """The value, and the lines below it."""
         return (self.value, *self.notes)
 
 
@@ -67,7 +67,7 @@ class TableColumn(NamedTuple):
     Attributes:
         title: title, in sentence case.
         unit: unit of its numbers; "share" for shares of one, which are shown in percent.
-        is_figure: whether it holds numbers, which stand under one another to the right.
+        is_figure: whether it holds numbers, which are aligned to the right.
         digits: significant digits of its numbers.
     """
 
@@ -96,7 +96,7 @@ class Table(NamedTuple):
     """A table of values.
 
     Attributes:
-        notes: sentences on how to read it, for below it.
+        notes: sentences below the table on how to read it.
     """
 
     title: str
@@ -124,7 +124,7 @@ Block = Table | FactTable | str
 
 
 class Reading(NamedTuple):
-    """A column, and how a value of a row is read: by the name of a field, or by a function."""
+    """A column, and the field name or function that reads its value from a row."""
 
     column: TableColumn
     read: str | Callable[[Any], Cell]
@@ -163,12 +163,12 @@ def read_utc(title: str, field: str) -> Reading:
 
 
 def name_columns(*titles: str) -> tuple[TableColumn, ...]:
-    """Return columns of text with these titles."""
+    """Return columns of text with the given titles."""
     return tuple(TableColumn(title, is_figure=False) for title in titles)
 
 
 def count_columns(*titles: str) -> tuple[TableColumn, ...]:
-    """Return columns of numbers with these titles."""
+    """Return columns of numbers with the given titles."""
     return tuple(map(TableColumn, titles))
 
 
@@ -183,12 +183,12 @@ def transpose(table: Table, heading: str = "") -> Table:
 
 
 def list_notes(blocks: Iterable[Sequence[str]]) -> tuple[str, ...]:
-    """Return the sentences that are not empty, each one once."""
+    """Return the distinct sentences that are not empty."""
     return tuple(dict.fromkeys(filter(None, chain.from_iterable(blocks))))
 
 
 def format_cell(value: Cell, column: TableColumn = PLAIN) -> FormattedCell:
-    """Return a value of a cell in this column as text."""
+    """Return a value in a column as a formatted cell."""
     # Only floats need their column, for its unit and digits.
     if isinstance(value, float):
         return FormattedCell(_format_float(value, column))
@@ -238,7 +238,7 @@ def _(value: int) -> FormattedCell:
 
 @_format.register
 def _(value: Rate) -> FormattedCell:
-    """A share with its interval; of no event, the upper bound, near 3 / n."""
+    """Return a share with its interval; without an event, the upper bound, near 3 / n."""
     if value.interval is None:
         return FormattedCell(f"{figures.format_share(value.value)} {OF_SEARCH}")
     # The interval of a rate of 0 begins at 0: only its upper end says something.
@@ -252,7 +252,7 @@ def _(value: Rate) -> FormattedCell:
 
 @_format.register
 def _(value: Cost) -> FormattedCell:
-    """The cost per failure in USD, with its interval or lower end; a bound without failures."""
+    """Return the cost per failure in USD, with its interval or lower end; else a lower bound."""
     if value.per_failure_usd is None:
         if value.at_least_usd is None:
             return FormattedCell(UNKNOWN, basis=(NO_FAILURE,))
@@ -269,7 +269,7 @@ def _(value: Cost) -> FormattedCell:
 
 @_format.register
 def _(value: Estimate) -> FormattedCell:
-    """The failure probability with its interval or as a lower bound, or why it is not known."""
+    """Return the failure probability, with its interval or as a bound, or why it is unknown."""
     sample, notes = f"n = {value.episodes:,}", tuple(filter(None, (value.note,)))
     if value.probability is not None and value.bound is not None:
         bound = f"at least {figures.format_number(figures.round_down(value.probability))}"
@@ -290,7 +290,7 @@ def _(value: Figure) -> FormattedCell:
 
 @_format.register
 def _(value: MeanTime) -> FormattedCell:
-    """A mean time with its number of episodes."""
+    """Return a mean time with its number of episodes."""
     if value.mean_s is None:
         return FormattedCell(UNKNOWN)
     return FormattedCell(f"{figures.format_number(value.mean_s)} s", sample=f"n = {value.n:,}")

@@ -1,4 +1,4 @@
-"""Tables on a terminal: where it is too narrow, the least important columns are left out."""
+"""Tables on a terminal; if it is too narrow, the least important columns are left out."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -80,10 +80,10 @@ def _render_facts(facts: FactTable) -> Grid:
 
 
 class FittingGrid(Grid):
-    """A table whose columns are left out one by one until the others fit the screen."""
+    """A table that leaves out columns one by one until it fits the screen."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draw the columns that fit, then name the others."""
+        """Draw the columns that fit, then name the columns that were left out."""
         kept = self._fit_columns(console, options.max_width)
         # A copy: the same table may be drawn again on a wider screen.
         shown = copy(self)
@@ -110,7 +110,7 @@ class FittingGrid(Grid):
 
 
 def _least_width(console: Console, column: Column) -> int:
-    """Numbers in full, texts as far as their words allow."""
+    """Return the least width of a column: numbers in full, texts down to their longest word."""
     # Without a limit: rich would shorten what is measured to the width of the screen.
     options = console.options.update(width=_UNLIMITED)
     cells = [console.measure(cell, options=options) for cell in (column.header, *column.cells)]

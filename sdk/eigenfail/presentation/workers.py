@@ -1,4 +1,4 @@
-"""Workers of a service, connected or gone, with what each of them did lately."""
+"""Workers of a service, connected or gone, with their latest work."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -21,18 +21,18 @@ class WorkerState(StrEnum):
 
 
 class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
-    """The latest work of a worker; only results that came within the time asked for count.
+    """The latest work of a worker; only results within the requested time count.
 
     Attributes:
-        worker: its name; that of a worker without one is its host and process.
+        worker: its name; a worker without a name has its host and process as its name.
         host: the machine that it runs on; empty if it is not connected now.
         version: version of its eigenfail; empty likewise.
         state: gone if it is not connected; at work if it brought a result in the last minute.
-        campaigns: whose episodes it ran.
+        campaigns: campaigns that it ran episodes of.
         since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
         last_ms: when its last result was stored; null before the first one.
         processor: processor of its machine; empty if it is not connected now.
-        heard_ms: when its hub last said that it is there; null if it is not connected now.
+        heard_ms: when its hub last reported it as connected; null if it is not connected now.
     """
 
     worker: str
@@ -56,8 +56,8 @@ def combine_activity(
 
     Args:
         present: workers that are connected now.
-        recent: their results within the time that counts.
-        at_work: those of the last minute.
+        recent: results of workers within the requested time.
+        at_work: results of workers within the last minute.
     """
     here = {presence.worker: presence for presence in present}
     busy = {share.worker for share in at_work}
@@ -76,7 +76,7 @@ def combine_activity(
 def summarize_activity(
     name: str, shares: Sequence[WorkerShare], here: Presence | None, *, is_at_work: bool
 ) -> WorkerActivity:
-    """Return what one worker did, of all campaigns together."""
+    """Return the work of one worker, for all campaigns together."""
     connected = WorkerState.AT_WORK if is_at_work else WorkerState.WAITING
     return WorkerActivity(
         worker=name,

@@ -24,10 +24,10 @@ from eigenfail.values.measures import Measures
 
 
 class Corridor(msgspec.Struct, frozen=True):
-    """A vehicle that follows the low-pass filtered noise of the first channel, and a wall.
+    """A vehicle and a wall; its position is the low-pass filtered noise of the first channel.
 
-    y_t = (1 - gain) · y_{t-1} + gain · z_t fails once it reaches `wall`; robustness is the
-    distance to it. White noise is filtered away; noise that lasts is not.
+    The position y_t = (1 - gain) · y_{t-1} + gain · z_t fails once it reaches `wall`; robustness is
+    the distance to the wall. The filter removes white noise, but not lasting noise.
     """
 
     steps: int = 40
@@ -37,7 +37,7 @@ class Corridor(msgspec.Struct, frozen=True):
 
     @property
     def channels(self) -> int:
-        """The number of channels of the noise, each of which has a sigma."""
+        """Number of channels of the noise, one for each sigma."""
         return len(self.sigma)
 
     def course(self, z: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -50,7 +50,7 @@ class Corridor(msgspec.Struct, frozen=True):
 
 
 class ToyEngine:
-    """Runs episodes in a corridor, for every kind of source.
+    """An engine that runs episodes in a corridor, for every kind of source.
 
     Args:
         corridor: the world.
@@ -115,7 +115,7 @@ class ToyEngine:
     def _chosen(
         self, policy: learning.Policy, random: np.random.Generator, states: Floats
     ) -> Floats:
-        """Return z of a policy's episode, and write its observed states into `states`."""
+        """Return z of a policy's episode, and write the observed states into `states`."""
         channels = self._corridor.channels
         z = np.zeros((len(states), channels), np.float32)
         y = 0.0
@@ -143,8 +143,8 @@ def decide(policy: learning.Policy, state: Floats, eps: NDArray[np.float64]) -> 
     """Return z of one decision, shape (channels,), as `Policy` defines it.
 
     Args:
-        policy: which decides.
-        state: shape (count_state(channels),).
+        policy: the deciding policy.
+        state: observed state, shape (count_state(channels),).
         eps: standard normal numbers, shape (channels,).
     """
     h: NDArray[np.floating] = state
@@ -165,7 +165,7 @@ GARBAGE = (b"", b"\xc1", b"no state", msgspec.msgpack.encode({"kind": "another"}
 
 
 def make_corridor(channels: int) -> Corridor:
-    """Return a corridor with frequent failures, of that many channels."""
+    """Return a corridor with frequent failures and the given number of channels."""
     return Corridor(wall=0.5, sigma=(2.0, *(0.4,) * (channels - 1)))
 
 
@@ -184,7 +184,7 @@ def encode_proposal(proposal: learning.Proposal) -> bytes:
 class LearnerSuite:
     """Checks that every learner must pass.
 
-    Override `context` where the method needs other noise, or an earlier campaign.
+    Override `context` if the method needs other noise, or an earlier campaign.
     """
 
     method: ClassVar[Method]
@@ -195,7 +195,7 @@ class LearnerSuite:
     """Most episodes of a round, for a method that proposes as many as it may."""
 
     def context(self, seed: int, corridor: Corridor) -> learning.LearnerContext:
-        """Return the context of a learner for noise of the steps and channels of a corridor."""
+        """Return the context of a learner, for noise with the shape of a corridor's noise."""
         random = np.random.default_rng(seed)
         shape = self.budget, corridor.steps, corridor.channels
         return learning.LearnerContext(
@@ -256,7 +256,7 @@ class LearnerSuite:
                 expect_fit(source.z, CORRIDOR)
 
     def test_takes_noise_of_any_number_of_channels(self) -> None:
-        """Proposals are for the channels of the context, and so is a state."""
+        """Proposals and states fit the channels of the context."""
         for channels in OTHER_CHANNELS:
             corridor = make_corridor(channels)
             engine, learner, first = ToyEngine(corridor), self.learner(corridor=corridor), 0
@@ -288,7 +288,7 @@ class LearnerSuite:
         expect(before == read_global_generators(), "a global generator was used: draw from `seed`")
 
     def test_restored_learner_goes_on_bit_for_bit(self) -> None:
-        """A state is complete: a learner that restores it forgets its own."""
+        """A state is complete: a learner that restores it forgets its own state."""
         learner, first = self.begun()
         state = learner.state()
         expected = self.course(learner, first)
@@ -312,7 +312,7 @@ class LearnerSuite:
             expect(learner.state() == state, "a refused state has changed the learner")
 
     def test_tolerates_failed_episodes(self) -> None:
-        """A campaign goes on after some errored episodes, and after a round of them."""
+        """A campaign continues after some errored episodes, and after a round of them."""
         learner, first = self.learner(), 0
         # Some, then all, then none: a learner may divide by the number of episodes that completed.
         for faulty in (range(0, self.budget, 3), range(self.budget), ()):

@@ -37,7 +37,7 @@ def cut_in_drive(shake_m: float = 1.0) -> list[Perception]:
     """Return the perceptions of a truck at constant speed while a car cuts in.
 
     Args:
-        shake_m: how far the perceived position swings about the true one.
+        shake_m: amplitude of the perceived position around the true position. [m]
     """
     return [_frame(step, shake_m) for step in range(STEPS)]
 
@@ -58,27 +58,27 @@ def _frame(step: int, shake_m: float) -> Perception:
 def drive(
     planner: Planner, perceptions: Sequence[Perception], mission: Mission | None = None
 ) -> list[Control]:
-    """Return the planner's answers over one episode, by default of a new mission."""
+    """Return the planner's answers over one episode, by default in a new mission."""
     planner.reset(mission or msgspec.structs.replace(MISSION))
     return [planner.act(perception) for perception in perceptions]
 
 
 def _is_finite(control: object) -> bool:
-    """Whether an answer is a Control of two finite numbers."""
+    """Return whether an answer is a Control of two finite numbers."""
     if not isinstance(control, Control):
         return False
     return isfinite(hypot(control.acceleration_mps2, control.steering_rad))
 
 
 def _gives_finite_controls(make: MakePlanner, perceptions: Sequence[Perception]) -> bool:
-    """Whether every answer is finite, and none an error, if every vehicle is detected."""
+    """Return whether all answers are finite, without an error, if every vehicle is detected."""
     with suppress(Exception):
         return all(map(_is_finite, drive(make(), perceptions)))
     return False
 
 
 def _alike(one: Sequence[Control], other: Sequence[Control]) -> bool:
-    """Whether two drives are equal bit for bit; compared as text, so that NaN equals NaN."""
+    """Return whether two drives are equal bit for bit; as text, so that NaN equals NaN."""
     return repr(one) == repr(other)
 
 
@@ -100,7 +100,7 @@ def returns_finite_controls(make: MakePlanner) -> None:
 
 
 def copes_with_what_it_misses(make: MakePlanner) -> None:
-    """Every answer is finite where the vehicle is not detected for some steps, or never."""
+    """Every answer is finite, even if a vehicle is not detected for some steps, or never."""
     perceptions = cut_in_drive()
     unseen = [msgspec.structs.replace(each, others=(), ids=()) for each in perceptions]
     gaps = [*perceptions[:30], *unseen[30:40], *perceptions[40:50], unseen[50], *perceptions[51:]]
@@ -152,7 +152,7 @@ def decides_in_time(make: MakePlanner) -> None:
 def explains_without_a_trace(make: MakePlanner) -> None:
     """An explanation has plain words and numbers, and does not change how the planner drives.
 
-    The same for its path, if it reports one: pairs of finite numbers.
+    The same holds for the planner's path, if it reports one: pairs of finite numbers.
     """
     asked = make()
     # Of a planner without them: called, `dict` and `tuple` return nothing to check.

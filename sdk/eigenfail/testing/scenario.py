@@ -60,7 +60,7 @@ def starts_without_overlap(scenario: Scenario) -> None:
 
 
 def _expect_free_places(situation: ReactiveSituation) -> None:
-    """Check that no vehicle first appears where an ego at constant velocity is."""
+    """Check that no vehicle overlaps an ego at constant velocity when it first appears."""
     before: set[int] = set()
     for step, (ego, there) in enumerate(
         zip(_list_egos(situation), _script(situation), strict=True)
@@ -88,8 +88,8 @@ def has_a_steady_horizon(scenario: Scenario) -> None:
 def moves_actors_as_they_say(scenario: Scenario) -> None:
     """A script begins at the start of the actor, and its positions follow from its speeds.
 
-    Vehicles that come and go have numbers of vehicles of the situation, and one is always there. A
-    number that has gone stays away.
+    Vehicles that come and go have numbers from the situation, and at least one is always present. A
+    number that has gone is not used again.
     """
     for situation in _situations(scenario):
         dt_s = situation.mission.dt_s
@@ -185,7 +185,7 @@ def are_apart(one: VehicleState, other: VehicleState) -> bool:
 
 
 def _separated(one: VehicleState, other: VehicleState) -> bool:
-    """Whether a side of the first rectangle separates it from the second one."""
+    """Return whether a side of the first rectangle separates it from the second one."""
     # The centre of the second one, seen from the first one along its heading.
     dx, dy = other.x_m - one.x_m, other.y_m - one.y_m
     cosine, sine = cos(one.heading_rad), sin(one.heading_rad)

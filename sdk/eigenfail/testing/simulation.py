@@ -4,7 +4,7 @@
     def test_my_simulator(check):
         check(lambda planner: MySimulator().open(CutIn(), CutIn.Parameters(), planner, POSITION))
 
-A check opens simulations with planners of its own, so that it knows what they were shown.
+Each check opens simulations with its own planners, which record their perceptions.
 """
 
 from collections.abc import Callable
@@ -195,7 +195,7 @@ def blames_the_planner(open_simulation: OpenSimulation) -> None:
 
 
 def refuses_what_is_over(open_simulation: OpenSimulation) -> None:
-    """A step before a reset or after the end is refused, and so is any use after closing."""
+    """A step before a reset or after the end is refused, as is any use after closing."""
     simulation = open_simulation(Cruise())
     with expect_error(EpisodeError, "A step before any reset must be an EpisodeError."):
         simulation.step(NONE)

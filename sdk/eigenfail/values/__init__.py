@@ -1,1 +1,1 @@
-"""Frozen nouns that cross borders: each module holds those of one concept."""
+"""Immutable values that cross borders: each module holds the values of one concept."""

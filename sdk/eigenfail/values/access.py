@@ -16,13 +16,13 @@ Limit = Annotated[int, msgspec.Meta(ge=0, le=MOST)] | None
 
 
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Bounds on the campaigns that are made with a key; null if there is none.
+    """Limits on the campaigns made with a key; null: unlimited.
 
     Attributes:
-        max_open: most campaigns at once that have not ended; queued and paused ones count.
+        max_open: maximum number of campaigns that have not ended, including queued and paused ones.
         max_episodes: largest budget of one campaign. [episodes]
-        max_episodes_per_day: most episodes in the campaigns of the last 24 hours, by their budgets;
-            those that were left unrun when a campaign ended do not count.
+        max_episodes_per_day: maximum number of episodes in the campaigns of the last 24 hours, by
+            their budgets. Episodes left unrun when a campaign ended do not count.
     """
 
     max_open: Limit = None
@@ -46,11 +46,11 @@ class Usage(msgspec.Struct, frozen=True):
 
 
 TOKEN = re.compile(r"ef_(?P<id>[1-9]\d{0,17})_(?P<secret>[\w-]{43})", re.ASCII)
-"""What its holder sends: the key's id and 256 random bits in base64url."""
+"""Pattern of a token: the key's id and 256 random bits in base64url."""
 
 
 SECRET = re.compile(r"(?<=ef_)(\d+)_[\w-]{16,}", re.ASCII)
-"""The same wherever it turns up, whole or cut."""
+"""Pattern of a token anywhere in a text, whole or cut off."""
 
 
 HIDDEN = (
@@ -79,7 +79,7 @@ HIDDEN = (
 
 
 LONGEST_LIFE_S = 10 * 366 * 86_400
-"""Of a key that ends by itself. [s]"""
+"""Longest lifetime of a key that expires. [s]"""
 
 
 class Scope(StrEnum):
@@ -90,13 +90,13 @@ class Scope(StrEnum):
     ADMIN = "admin"
 
     def allows(self, needed: "Scope") -> bool:
-        """Whether it is enough."""
+        """Return whether this scope includes the needed one."""
         order = [*Scope]
         return order.index(self) >= order.index(needed)
 
 
 class KeyState(StrEnum):
-    """Whether a key opens anything, or why not."""
+    """State of a key: valid, or the reason why it is refused."""
 
     VALID = "valid"
     EXPIRED = "expired"
@@ -107,10 +107,10 @@ class ApiKey(msgspec.Struct, frozen=True):
     """A key without its secret, which is shown once and not stored.
 
     Attributes:
-        id: number of the key, the first part of what its holder sends.
+        id: number of the key, the first part of its token.
         name: user or program that the key is for.
-        scope: what it allows: viewer reads, runner also starts and steers, admin does everything.
-        created_ms: when it was made, in milliseconds since 1970.
+        scope: viewer reads, runner also starts and steers campaigns, admin does everything.
+        created_ms: when it was created, in milliseconds since 1970.
         expires_ms: time of expiry; null if the key does not expire.
         revoked_ms: when it was revoked.
         last_used_ms: when it was last used, to the minute.
@@ -127,7 +127,7 @@ class ApiKey(msgspec.Struct, frozen=True):
     quotas: Quotas = UNLIMITED
 
     def is_valid(self, at_ms: int) -> bool:
-        """Whether it opens anything at a moment."""
+        """Return whether the key is valid at a moment."""
         return self.find_state(at_ms) is KeyState.VALID
 
     def find_state(self, at_ms: int) -> KeyState:
@@ -151,7 +151,7 @@ class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         name: user or program that the key is for.
-        scope: what it allows: viewer, runner or admin.
+        scope: viewer, runner or admin.
         expires_s: lifetime [s]; null: valid until revoked.
         quotas: quotas of the key.
     """
@@ -163,14 +163,14 @@ class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 PROXY_PREFIX = "proxy:"
-"""What the names of users whom a proxy signs in begin with."""
+"""Prefix of the names of users whom a proxy signs in."""
 
 RESERVED_NAMES = frozenset({"loopback", "network", "database"})
 """Names under which the service records what was done without a key."""
 
 
 def check_key_name(name: str) -> None:
-    """Refuse a key's name that is reserved for callers without a key, or not read as written.
+    """Refuse a name that is reserved for callers without a key, or has invisible characters.
 
     Raises:
         InvalidValue: the name is reserved in any spelling, or has a control or invisible character.
@@ -195,23 +195,23 @@ class NewKey(msgspec.Struct, frozen=True):
 
     Attributes:
         key: the stored key; the secret itself is not stored.
-        token: what its holder sends, `ef_<id>_<secret>`: shown this once, and never again.
+        token: text that its holder sends, `ef_<id>_<secret>`; shown only once.
     """
 
     key: ApiKey
     token: str
 
     def __repr__(self) -> str:
-        """Without the secret."""
+        """Return the representation with the secret hidden."""
         return f"NewKey(key={self.key!r}, token={redact(self.token)!r})"
 
     def __rich_repr__(self) -> list[tuple[str, Any]]:
-        """The same for those who print with colours."""
+        """Return the fields for printing in colour, with the secret hidden."""
         return [("key", self.key), ("token", redact(self.token))]
 
 
 class Change(msgspec.Struct, frozen=True):
-    """A request that changed something, or tried to: a line of the audit log, before it is one."""
+    """A request that changed something, or tried to, before the audit log records it."""
 
     who: str
     key: int | None
@@ -228,17 +228,17 @@ class AuditEntry(Change, frozen=True, kw_only=True):
 
     Attributes:
         id: number of the line.
-        at_ms: when it was answered, in milliseconds since 1970.
-        who: the key's name; `loopback` or `network` if no key was required, `database` for
-            what was done on the database itself; the system's user for the keys of workers.
+        at_ms: when the request was answered, in milliseconds since 1970.
+        who: the key's name; `loopback` or `network` if no key was required; `database` for
+            changes made in the database itself; the system's user for the keys of workers.
         key: id of the key.
         method: method of the request.
-        route: its address, with the names of what varies in braces.
-        subject: what was made or changed, as an address.
-        address: address from which the request came.
+        route: address of the request, with the names of its variable parts in braces.
+        subject: the object made or changed, as an address.
+        address: network address of the caller.
         status: status of the answer.
-        details: fields that the request gave, with their values; without any that may hold a
-            secret, and empty if there are none.
+        details: fields of the request with their values, without fields that may hold a secret;
+            empty if there are none.
     """
 
     id: int
@@ -246,7 +246,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
 
 
 def redact(text: str) -> str:
-    """A text in which no key can be read, nor the password of a database."""
+    """Return the text with keys, webhook secrets and database passwords hidden."""
     for secret, instead in HIDDEN:
         text = secret.sub(instead, text)
     return text

@@ -16,31 +16,31 @@ from eigenfail.values.showing import Brief, Shown
 from eigenfail.values.triage import TriageState
 
 COLLAPSED_SHARE = 0.9
-"""A larger share of the failures in one mode is called mode collapse."""
+"""If one mode holds a larger share of the failures, the modes have collapsed."""
 
 
 NARROW_SPREAD = 0.5
-"""Failures of one mode that differ less than this are called mode collapse, too. [sigma]"""
+"""If failures of one mode differ less than this, the modes have collapsed, too. [sigma]"""
 
 
 class Diversity(msgspec.Struct, frozen=True, kw_only=True):
     """How the failures of a campaign spread over modes.
 
-    If clusters cannot be distinguished from those of noise, all failures count as one mode.
+    If clusters cannot be distinguished from clusters of noise, all failures count as one mode.
 
     Attributes:
-        failures: how many it rests on.
-        modes: clusters that are more than what clustering finds in noise; at least 1.
-        largest_share: share of the failures that is in the largest mode.
-        effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 if all are in
-            one mode, `modes` where all modes hold equally many.
+        failures: number of failures analysed.
+        modes: number of clusters that are distinguishable from clusters of noise; at least 1.
+        largest_share: share of the failures in the largest mode.
+        effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 if one mode holds
+            all failures, `modes` if all modes hold equally many.
         spread: how much the failures differ: root mean square over steps and channels of the
-            standard deviation of z between failures; 1 for noise of p(x), None of a single failure.
-            [sigma]
-        coverage: how many of the modes had been seen after each tenth of the campaign's episodes.
+            standard deviation of z between failures; 1 for noise of p(x), None for a single
+            failure. [sigma]
+        coverage: number of modes seen after each tenth of the campaign's episodes.
         verdict: summary in one sentence.
-        warning: warning that the modes have collapsed, and what to try; empty otherwise. Digests of
-            results rest on its words; `collapse` says the same in sentences.
+        warning: warning that the modes have collapsed, and what to try; empty otherwise. Digests
+            cover its words; `collapse` has the same content in sentences.
     """
 
     failures: int
@@ -54,7 +54,7 @@ class Diversity(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def collapse(self) -> str:
-        """The warning in sentences that pages, reports and terminals show; empty without one."""
+        """The warning that pages, reports and terminals show, in sentences; empty without one."""
         if not self.warning:
             return ""
         found = f"the failures differ by {self.spread or 0.0:.2f} sigma only"
@@ -80,12 +80,12 @@ bootstrap therefore says little of whether a smaller mode would come back."""
 
 
 class AnalysedCampaign(msgspec.Struct, frozen=True, kw_only=True):
-    """A campaign as it stood when its failures were analysed.
+    """State of a campaign when its failures were analysed.
 
     Attributes:
-        episodes: how many had ended, failures or not.
-        failures: how many of them were analysed.
-        running: whether more were to come: the analysis is of a snapshot then.
+        episodes: number of episodes that had ended, failures or not.
+        failures: number of failures that were analysed.
+        running: whether more episodes were to come, so that the analysis is of a snapshot.
     """
 
     campaign: int
@@ -95,13 +95,13 @@ class AnalysedCampaign(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Stability(msgspec.Struct, frozen=True):
-    """Whether the clusters come back when the failures are drawn again, with replacement.
+    """Bootstrap stability: whether clusters come back if failures are drawn with replacement.
 
     Attributes:
-        resamples: how often they were drawn.
-        rows: how many failures each draw has.
+        resamples: number of draws.
+        rows: number of failures in each draw.
         median: median of the adjusted Rand index (Hubert and Arabie 1985) between the clusters and
-            those of a draw: 1 if they are the same, 0 as by chance.
+            the clusters of a draw: 1 if they are the same, 0 as by chance.
         interval: interval from the 2.5 % to the 97.5 % quantile of the index over the draws.
     """
 
@@ -117,8 +117,9 @@ class Moment(msgspec.Struct, frozen=True):
     Attributes:
         axis: the channel, such as "longitudinal" or "lateral".
         step: row of `influence`, in the alignment of the analysis.
-        before_collision_s: time from the step to the collision; with alignment at the start to
-            that of the median failure. None if steps have no duration. [s]
+        before_collision_s: time from the step to the collision; if failures are aligned at the
+            start, to the collision of the median failure. None if the duration of a step is
+            undefined. [s]
         influence: influence of this step, as in `influence`.
     """
 
@@ -129,19 +130,19 @@ class Moment(msgspec.Struct, frozen=True):
 
 
 class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How much of the influence lies in the last time before the collision.
+    """How much of the influence lies in the last seconds before the collision.
 
-    Always of failures aligned at the collision, and over the time that half of them last: the
-    shares would be equal if no time mattered more than another.
+    The failures are aligned at the collision, whatever the analysis uses, and the whole time is the
+    time that half of them last. If no time mattered more than another, all shares would be equal.
 
     Attributes:
-        seconds: how long before the collision the time begins. [s]
-        time: its share of the time.
-        longitudinal: its share of the longitudinal influence; None if there is none.
-        lateral: the same of the lateral influence.
-        both: its share of all of it.
-        channels: its share of the influence of each of the analysis's channels, in their order;
-            empty if they are the longitudinal and the lateral one, which have their own fields.
+        seconds: length of the interval that ends at the collision. [s]
+        time: share of the whole time in the interval.
+        longitudinal: share of the longitudinal influence in the interval; None if there is none.
+        lateral: share of the lateral influence; None if there is none.
+        both: share of the influence of all channels; None if there is none.
+        channels: share of the influence of each channel of the analysis, in their order; empty if
+            the channels are the longitudinal and the lateral one, which have their own fields.
     """
 
     seconds: float
@@ -153,7 +154,7 @@ class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
 
     @property
     def by_channel(self) -> tuple[float | None, ...]:
-        """Its share of the influence of each channel, whichever they are."""
+        """The share of the influence of each channel, whichever channels there are."""
         return self.channels or (self.longitudinal, self.lateral)
 
 
@@ -161,15 +162,15 @@ class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     """The failures of a tenth of each campaign's episodes.
 
     Attributes:
-        start: where the interval begins, as a share of the episodes.
-        end: where it ends.
-        failures: how many there are in it.
+        start: beginning of the interval, as a share of the episodes.
+        end: end of the interval, as a share of the episodes.
+        failures: number of failures in the interval.
         mean: mean of z over these failures, shape (steps, channels); zeros without a failure.
             [sigma]
-        components: components of these failures alone, each turned towards the component of the
-            same number of all failures, shape (at most 3, steps, channels).
-        explained: share of their variance that each explains.
-        likeness: |cosine| between each and the one of the same number of all failures.
+        components: components of the interval's failures alone, shape (at most 3, steps, channels).
+            The sign of each agrees with the component of the same number over all failures.
+        explained: share of the variance of the interval's failures that each component explains.
+        likeness: |cosine| between each component and the one with its number over all failures.
     """
 
     start: float
@@ -217,32 +218,33 @@ Grouping = Literal["behaviour", "energy", "noise"]
 
 
 class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How failures are analysed; docs/analysis.md says when to use what.
+    """How failures are analysed; docs/analysis.md explains the choices.
 
     Attributes:
         align: put the trajectories side by side at their first step or at their collision.
         components: k of the PCA.
         clusters: number of failure modes; None chooses 2 to 8 by silhouette. `hdbscan` finds the
-            number itself and takes none.
-        axes: channels of the noise that is analysed: `joint`, all together, the name of one, or a
-            name such as `every.lateral` for that quantity of all vehicles.
+            number itself: give none.
+        axes: channels of the noise to analyse: `joint` for all together, the name of a channel, or
+            a name such as `every.lateral` for that quantity of all vehicles.
         clusterer: clustering algorithm.
-        campaigns: further ones, whose failures are analysed with those of the first.
+        campaigns: further campaigns, whose failures are analysed with the first one's.
         bootstrap: how often the failures are drawn again to see whether the modes come back; 0
-            leaves it out.
-        failures: failures that are analysed. `latest`: where a method learnt while it ran, the
-            latest half of a campaign's failures; those before come from proposals that it has given
-            up, and mixed with them the modes are stages of the learning. All failures of other
-            methods, and of those that estimate a probability of each mode. `all`: all failures.
+            for no bootstrap.
+        failures: failures to analyse. `latest`: if the method learnt while it ran, the latest half
+            of a campaign's failures. The earlier half comes from proposals that the method has
+            given up: with it, the modes would be stages of the learning. For other methods, and
+            for methods that estimate the probability of each mode, all failures. `all`: all
+            failures.
         centre: centre of a mode that its eigenfailure shows. `median`: the median of the noise of
             its failures at each step. `mean`: the mean of its failures in PCA space, taken back to
             noise, as in the paper.
         features: what failures are grouped by. `behaviour`: the acceleration of the ego in the last
-            seconds before the collision, and the vehicle that it struck, where it struck several;
-            where that is not stored of all failures, the energy of the noise in windows of 0.5 s;
-            where steps have no duration, the noise.
-            `AnalysisResult.features` says which of these it was. `noise`: the principal components
-            of the noise, as in the paper.
+            seconds before the collision, and the vehicle that it struck if the failures differ in
+            it. If that is not stored for all failures: the energy of the noise in windows of
+            0.5 s. If the duration of a step is undefined: the noise. `AnalysisResult.features`
+            shows which features were used. `noise`: the principal components of the noise, as in
+            the paper.
     """
 
     align: Alignment = "start"
@@ -270,26 +272,26 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     """A cluster of failures.
 
     Attributes:
-        failures: how many failures belong to it.
+        failures: number of failures in the mode.
         medoid: index of the real episode nearest to the centre, by the features that failures are
             grouped by.
         centre: mean of its failures in the PCA space of the noise, shape (components,).
-        eigenfailure: the centre of its noise, as `AnalysisSettings.centre` says: z, shape (steps,
-            channels), aligned at the start and ready to be injected; of a channel that was left
-            out, the median or mean of its failures. [sigma]
+        eigenfailure: the centre of its noise by `AnalysisSettings.centre`: z, shape (steps,
+            channels), aligned at the start and ready to be injected. In a channel that was left
+            out: the median or mean of its failures. [sigma]
         medoid_campaign: the campaign of the medoid; None: the one that was analysed.
-        probability: probability of a failure of this mode under p(x), where the campaign's method
+        probability: probability of a failure of this mode under p(x), if the campaign's method
             estimates it; None otherwise.
-        band: band from the 10 % to the 90 % quantile of its failures' z at each step, of those that
+        band: band from the 10 % to the 90 % quantile of z at each step, over its failures that
             lasted so long, shape (2, steps, channels), aligned as `eigenfailure`. [sigma]
         components: principal components of the noise of its failures alone, shape (at most as many
-            as the analysis has, steps, channels), in its alignment; None if failures were
-            grouped by their noise.
-        explained: share of the variance of its failures' noise that each of them explains.
-        number: its number in the analysis, from 1, as pages and commands have it; 0 of a mode that
-            belongs to no result.
+            as the analysis has, steps, channels), aligned as in the analysis; None if failures
+            were grouped by their noise.
+        explained: share of the variance of its failures' noise that each component explains.
+        number: its number in the analysis, from 1, as pages and commands show it; 0 if the mode
+            does not belong to a result.
         drawn: scenario parameters that its medoid drew, by name; none if none vary.
-        lasting: number of steps that at least half of its failures lasted; 0 if it is not known.
+        lasting: number of steps that at least half of its failures lasted; 0 if unknown.
     """
 
     failures: int
@@ -309,13 +311,13 @@ class FailureMode(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     def typical(self) -> Floats:
         """The steps of the eigenfailure that at least half of the failures reach. [sigma]
 
-        Only a few failures, which lasted longer, have the steps after these.
+        Fewer than half of the failures have later steps.
         """
         return self.eigenfailure[: self.lasting or None]
 
 
 LONGEST_MODE_NAME = 80
-"""Characters of the name of a mode."""
+"""Maximum length of the name of a mode [characters]."""
 
 
 class Mode(Shown, msgspec.Struct, frozen=True):
@@ -323,9 +325,9 @@ class Mode(Shown, msgspec.Struct, frozen=True):
 
     Attributes:
         analysis: id of the analysis.
-        number: its number there, from 1.
-        failures: how many failures belong to it.
-        name: the name that was given to it; until then the beginning of its description.
+        number: its number in the analysis, from 1.
+        failures: number of failures in the mode.
+        name: the name that a user gave it; until then, the beginning of its description.
         state: state of its triage.
     """
 
@@ -340,11 +342,11 @@ class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):
     """The behaviour of the ego in the failures of a mode.
 
     Attributes:
-        mean: mean of its acceleration at each step over the failures of the mode, shape (steps,).
-            [m/s²]
-        members: its acceleration in some of these failures, evenly spread over them, shape
-            (at most 20, steps). [m/s²]
-        words: description of it in a sentence.
+        mean: mean acceleration of the ego at each step over the failures of the mode, shape
+            (steps,). [m/s²]
+        members: acceleration of the ego in some failures of the mode, evenly spread over them,
+            shape (at most 20, steps). [m/s²]
+        words: description of the behaviour in a sentence.
     """
 
     mean: Floats
@@ -353,18 +355,18 @@ class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):
 
 
 class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
-    """The behaviour of the ego by which failures were grouped.
+    """Behaviour of the ego, which failures were grouped by.
 
     Attributes:
-        origin: moment from which times count: the `collision`; or the `start`, where failures need
-            not end in a collision.
+        origin: zero of the times: the `collision`, or the `start` if failures need not end in a
+            collision.
         times_s: time at the end of each step, up to 0 at the collision, shape (steps,). [s]
         explained: share of the variance of the acceleration, and of the vehicles in `struck`, that
             each principal component explains.
-        scores: failures in the space of these components, shape (failures, components). [m/s²]
-        modes: the behaviour in each mode, in their order.
+        scores: failures in the space of the components, shape (failures, components). [m/s²]
+        modes: the behaviour in each mode, in the order of the modes.
         struck: number of the vehicle that the ego struck in each failure, in the order of the rows,
-            where failures were grouped by it, too; empty otherwise.
+            if failures were also grouped by it; empty otherwise.
     """
 
     origin: Literal["collision", "start"]
@@ -384,14 +386,14 @@ _NUMBERED = re.compile(r"(?:Mode |.* \(mode )(\d+)\)?", re.DOTALL)
 
 
 def propose_mode_names(words: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the modes of an analysis that were given none, each another one.
+    """Return a unique name for each mode of an analysis, made from its description.
 
     A name is the beginning of the first sentence of the description, up to the end of a phrase.
-    If another mode has the same, it is the longest beginning of the whole description that fits,
-    with the number of the mode in parentheses; and "Mode 3" where none fits.
+    If another mode has the same name, the name is the longest beginning of the whole description
+    that fits, with the number of the mode in parentheses. If none fits, the name is "Mode 3".
 
     Args:
-        words: the descriptions in the order of the modes; empty ones give "Mode 3" and the like.
+        words: the descriptions in the order of the modes; an empty one gives "Mode 3" or the like.
     """
     plain = [text.removeprefix(f"Mode {n}: ") for n, text in enumerate(words, start=1)]
     firsts = [_find_phrases(text.split(". ")[0].removesuffix(".")) for text in plain]
@@ -404,15 +406,15 @@ def propose_mode_names(words: Sequence[str]) -> tuple[str, ...]:
 
 
 def _find_phrases(text: str) -> list[str]:
-    """Return the beginnings of a text that end with a phrase and fit, the shortest first."""
+    """Return the beginnings of a text that end with a phrase and fit a name, shortest first."""
     ends = [found.start() for found in _PHRASE_ENDS.finditer(text)] + [len(text)]
     return [text[:end] for end in ends if 0 < end <= LONGEST_MODE_NAME]
 
 
 def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequence[str]) -> str:
-    """Return a name that no other mode has, if need be with more of its description and a number.
+    """Return a name that no other mode has, with more of the description and a number if needed.
 
-    A name that ends with the number of another mode is not kept: that mode may be called so.
+    A name that ends with the number of another mode is replaced: that mode may have this name.
     """
     others = [each for place, each in enumerate(names, start=1) if place != number]
     numbered = _NUMBERED.fullmatch(name)
@@ -429,32 +431,32 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
     Attributes:
         episodes: index of the episode in each row of the data.
         explained: share of the variance that each component explains, shape (components,).
-        components: shape (components, steps, channels); signs fixed so that the largest entry is
-            positive; zero in a channel that was left out.
+        components: shape (components, steps, channels); signs are chosen so that the largest
+            entry is positive; zero in a channel that was left out.
         scores: the data in PCA space D* = (D - mu) V_k, shape (failures, components).
         labels: the mode of each failure, by position in `modes`, from 0; pages, tables and data
             frames number modes from 1.
         silhouette: silhouette of the clustering, from -1 to 1; None with a single mode.
-        noise_silhouette: the largest that the same clustering reaches on 19 draws of data without
-            groups, of the same covariance and the same distances from the centre.
+        noise_silhouette: the largest silhouette that the same clustering reaches on 19 draws of
+            data without groups, with the same covariance and the same distances from the centre.
         influence: how much each step matters, shape (steps, channels): component magnitudes
             weighted by explained variance.
         diversity: how the failures spread over modes.
         campaigns: the campaign of each row; empty: the one that was analysed.
         stability: stability of the clusters; None with a single mode, or without bootstrap.
-        outliers: share of the failures that the clusterer left out, before they were put with
-            their nearest neighbour; 0 but for `hdbscan`.
+        outliers: share of the failures that the clusterer left out, before they joined the mode of
+            their nearest neighbour; 0 except for `hdbscan`.
         moments: the steps of greatest influence of each channel, the greatest first.
         before_collision: how much influence lies in the last seconds before the collision.
         training: ten intervals of the episodes, in order.
-        sources: the campaigns, as they stood.
-        words: what each mode is, in words; as many as there are modes.
-        notes: remarks on the failures that were pooled.
-        digest: SHA-256 over all of it but words, bands, behaviour and names of channels: the same
-            whenever the analysis is repeated.
-        channels: the names of the components of the noise at each step, in order.
-        features: what the failures were grouped by. Components, scores and influence are of their
-            noise in any case.
+        sources: state of the campaigns when they were analysed.
+        words: description of each mode, in the order of the modes.
+        notes: remarks on the pooled failures.
+        digest: SHA-256 of the result except words, bands, behaviour and names of channels;
+            repeated analyses have the same digest.
+        channels: names of the components of the noise at each step, in order.
+        features: what the failures were grouped by. Components, scores and influence always
+            describe the noise.
         behaviour: behaviour of the ego; None unless the failures were grouped by it.
     """
 
@@ -491,7 +493,7 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
         msgspec.structs.force_setattr(self, "modes", tuple(numbered))
 
     def list_modes(self, analysis: int) -> Iterator[Mode]:
-        """Yield the modes of the analysis with this id, with the names that are proposed."""
+        """Yield the modes of the analysis with this id, under their proposed names."""
         names = propose_mode_names(self.words or [""] * len(self.modes))
         for number, (mode, name) in enumerate(zip(self.modes, names, strict=True), start=1):
             yield Mode(analysis, number, mode.failures, name)
@@ -508,17 +510,17 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
 
     @property
     def cumulative(self) -> Floats:
-        """Share of the variance that each component and those before it explain together."""
+        """Share of the variance that each component and the earlier ones explain together."""
         return np.cumsum(self.explained, dtype=np.float32)
 
     @property
     def distinct(self) -> bool:
-        """Whether the modes are more than what clustering finds in data without groups."""
+        """True if the modes are distinguishable from noise, and stable."""
         return self.above_noise and self.stable
 
     @property
     def above_noise(self) -> bool:
-        """Whether the silhouette exceeds that of data without groups."""
+        """True if the silhouette exceeds every silhouette found in data without groups."""
         return (
             self.silhouette is not None
             and self.noise_silhouette is not None
@@ -527,14 +529,14 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
 
     @property
     def stable(self) -> bool:
-        """Whether the modes come back under the bootstrap, as far as that was tried."""
+        """True if the modes come back under the bootstrap, or it was not run."""
         return self.stability is None or self.stability.median >= STABLE
 
     @property
     def caution(self) -> str:
-        """The doubts about distinct modes in spite of the verdict; empty if nothing does.
+        """Doubts about distinct modes in spite of the verdict, in sentences; empty without any.
 
-        Empty, too, where the verdict itself says that there are none.
+        Also empty if the verdict says that the modes are not distinct.
         """
         if not self.distinct:
             return ""
@@ -564,12 +566,12 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
 
     @property
     def cluster_noun(self) -> str:
-        """The word for one of its clusters: a mode, or a group where they are not distinct."""
+        """The word for a cluster: "mode", or "group" if the modes are not distinct."""
         return "mode" if self.distinct else "group"
 
     @property
     def verdict(self) -> str:
-        """Whether there are modes, and why."""
+        """The verdict on distinct modes, with its reason, in a sentence."""
         if self.silhouette is None or self.noise_silhouette is None:
             return "No distinct modes: the failures make a single group."
         against = f"silhouette {self.silhouette:.2f}, on data without groups "
@@ -584,7 +586,7 @@ class AnalysisResult(Brief, msgspec.Struct, frozen=True, eq=False):
         return f"{self._count_distinct()} ({against}; {again})."
 
     def _count_distinct(self) -> str:
-        """Return the number of distinct modes, and of those with too few failures to show one."""
+        """Return in words how many modes are distinct, and how many have too few failures."""
         few = sum(mode.failures < FEWEST_OF_MODE for mode in self.modes)
         shown = len(self.modes) - few
         words = "1 distinct mode" if shown == 1 else f"{shown} distinct modes"
@@ -595,7 +597,7 @@ class Analysis(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
     """Current state of an analysis.
 
     Attributes:
-        problem: why it failed, with the remedy; empty otherwise.
+        problem: why the analysis failed, with the remedy; empty otherwise.
     """
 
     id: int
@@ -608,16 +610,17 @@ class Analysis(Brief, Shown, msgspec.Struct, frozen=True, eq=False):
 
 
 class MinimalFailure(msgspec.Struct, frozen=True, kw_only=True):
-    """A failure, as far as a campaign of `minimal` has shrunk it.
+    """A failure, as far as a campaign of the method `minimal` has shrunk it.
 
     Attributes:
-        campaign: the one that shrank it; with `index` the episode whose noise is described.
-        done: whether the search came to its end: no step of one channel can be left out, and the
-            whole cannot be weaker, without losing the failure.
-        because: why the search is where it is, in words.
-        words: what the noise does, in words.
-        needed: pairs of a step and a channel that still hold noise; at first `injected` did.
-        energy: sum of z² over them; `full_energy` at first. [sigma²]
+        campaign: the campaign that shrank the failure; with `index`, the episode whose noise is
+            described.
+        done: whether the search is complete: without one step of one channel, or with weaker noise,
+            the episode would not fail.
+        because: reason for the state of the search, in words.
+        words: description of the noise, in words.
+        needed: number of pairs of a step and a channel that still hold noise; `injected` at first.
+        energy: sum of z² over these pairs; `full_energy` at first. [sigma²]
         log_probability: log-probability of the shrunk failure, summed over its steps; of the
             failure at full strength: `full_log_probability`.
         log_probability_per_step: log-probability per step of the shrunk failure;

@@ -11,13 +11,13 @@ from eigenfail.errors import ProtocolError
 Floats = NDArray[np.float32]
 
 LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
-"""What is beyond would be infinite where it is stored and sent."""
+"""A larger number would become infinite when it is stored or sent."""
 
 RANGE = f"from {-LARGEST_FLOAT32:.3g} to {LARGEST_FLOAT32:.3g}"
 
 
 def fits_float32(value: Any) -> bool:
-    """Return whether a real number stays finite as float32; false of NaN too."""
+    """Return whether a real number stays finite as float32; false for NaN."""
     return bool(abs(value) <= LARGEST_FLOAT32)
 
 
@@ -35,7 +35,7 @@ class PackedArray(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def pack(array: Floats) -> PackedArray:
-    """The binary form of an array.
+    """Return the binary form of an array.
 
     Raises:
         ProtocolError: the array is not float32.
@@ -47,10 +47,10 @@ def pack(array: Floats) -> PackedArray:
 
 
 def unpack(packed: PackedArray) -> Floats:
-    """The array of a binary form, checked before anything is allocated.
+    """Return the array of a binary form, checked before memory is allocated.
 
     Raises:
-        ProtocolError: the shape is absurd, or does not fit the number of bytes.
+        ProtocolError: the shape is outside the limits, or does not fit the number of bytes.
     """
     shape, data = packed.shape, packed.data
     is_bounded, elements = len(shape) <= MAX_DIMENSIONS, 1
@@ -67,20 +67,20 @@ def unpack(packed: PackedArray) -> Floats:
 
 
 def find_lost(values: NDArray[np.float64]) -> float | None:
-    """Return the first finite number that float32 cannot hold; None without one."""
+    """Return the first finite number that float32 cannot hold; None if there is none."""
     lost = values[np.isfinite(values) & (np.abs(values) > LARGEST_FLOAT32)]
     return float(lost[0]) if lost.size else None
 
 
 def encode_array(value: Any) -> PackedArray:
-    """The hook that teaches msgspec's MessagePack encoder about arrays."""
+    """Pack an array: the hook of msgspec's MessagePack encoder."""
     if isinstance(value, np.ndarray):
         return pack(value)
     raise TypeError(f"{type(value).__name__} does not travel")
 
 
 def decode_array(_kind: Any, value: Any) -> Floats:
-    """The hook that teaches msgspec's decoders about arrays: packed, or JSON's nested lists."""
+    """Return an array from its packed form or nested lists: the hook of msgspec's decoders."""
     if isinstance(value, list):
         # As doubles first: float32 would turn what is too large into infinity before it can be
         # seen.
@@ -92,7 +92,7 @@ def decode_array(_kind: Any, value: Any) -> Floats:
 
 
 def encode_array_as_lists(value: Any) -> Any:
-    """The hook that teaches msgspec's JSON encoder about arrays and numbers of numpy."""
+    """Convert arrays and numbers of numpy for JSON: the hook of msgspec's JSON encoder."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} does not travel")

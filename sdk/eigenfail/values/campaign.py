@@ -28,13 +28,13 @@ FINAL_STATES = frozenset({CampaignState.CANCELLED, CampaignState.DONE, CampaignS
 
 
 class Counts(msgspec.Struct, frozen=True):
-    """planned = completed + errored + cancelled + open, at every commit.
+    """Counts of episodes: planned = completed + errored + cancelled + open, at every commit.
 
-    `failures` counts the failures among the completed episodes; `errored` counts the episodes
-    that could not be completed, which no rate counts ("failed" where it is stored or sent);
-    `cancelled` counts those that were left unrun when the
-    campaign ended, by whatever cause: a user, a stop rule, or a method with no more to propose;
-    `duplicates` counts results that came a second time.
+    `failures` counts the failures among the completed episodes. `errored` counts the episodes
+    that could not be completed, which rates leave out; it is stored and sent as "failed".
+    `cancelled` counts the episodes left unrun when the campaign ended, whatever the cause: a user,
+    a stop rule, or a method with nothing more to propose. `duplicates` counts results that arrived
+    a second time.
     """
 
     planned: int
@@ -46,17 +46,17 @@ class Counts(msgspec.Struct, frozen=True):
 
     @property
     def all_errored(self) -> bool:
-        """Whether every episode that ended has errored, so that nothing was found out."""
+        """True if episodes have errored and none was completed."""
         return self.errored > 0 and not self.completed
 
     @property
     def open(self) -> int:
-        """Episodes still to come."""
+        """Number of episodes still to come."""
         return self.planned - self.completed - self.errored - self.cancelled
 
 
 def state_word(state: CampaignState, counts: Counts) -> str:
-    """Return the state as people read it: "errored" for a campaign whose every episode errored.
+    """Return the state as shown to users: "errored" if every episode of the campaign errored.
 
     The stored state of such a campaign is `done`: its search ran to its end.
     """
@@ -64,13 +64,15 @@ def state_word(state: CampaignState, counts: Counts) -> str:
 
 
 class Overhead(msgspec.Struct, frozen=True):
-    """Time that a campaign spent beside simulation, as the hub measured it.
+    """Time that a campaign spent outside simulation, as the hub measured it.
 
     Attributes:
-        learning_s: no episode was with a worker, and the learner worked; its start included.
-        waiting_s: neither: the campaign waited for workers or for the database.
-        discarded_s: worker time in results that were thrown away: second ones of an episode, and
-            those that the store did not want.
+        learning_s: time of the learner's work, its start included, while all workers were without
+            an episode.
+        waiting_s: time when neither worked: the campaign waited for workers or for the
+            database.
+        discarded_s: worker time in discarded results: second results of an episode, and results
+            that the store did not accept.
     """
 
     learning_s: float = 0.0
@@ -79,7 +81,7 @@ class Overhead(msgspec.Struct, frozen=True):
 
 
 BUDGET_SPENT = "The budget of {} episodes was spent."
-"""Why a campaign ended as planned, with its budget."""
+"""Why a campaign ended as planned."""
 
 
 def describe_early_end(because: str, planned: int) -> str:
@@ -91,9 +93,9 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
     """A part of a campaign that services with the same versions ran.
 
     Attributes:
-        versions: versions by name, of what the learner ran with: Python, processor, packages.
+        versions: versions by name, as the learner ran: Python, processor, packages.
         began_ms: when these services took the campaign over.
-        results: number of results that the campaign had by then; all later ones are of this part.
+        results: number of results that the campaign had by then; later ones belong to this part.
     """
 
     versions: Versions
@@ -104,11 +106,11 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
 class EpisodeForm(msgspec.Struct, frozen=True):
     """The form that all full episodes of a campaign share.
 
-    The default is the form of a campaign whose world was not known where it was created.
+    The default is the form of a campaign whose world was unknown to the service that created it.
 
     Attributes:
         steps: number of steps of the longest episode.
-        step_s: duration of a step; None if steps have none. [s]
+        step_s: duration of a step; None if it is undefined. [s]
         channels: names of the channels of the noise, in the order of the columns of z.
     """
 
@@ -118,7 +120,7 @@ class EpisodeForm(msgspec.Struct, frozen=True):
 
     @property
     def horizon_s(self) -> float | None:
-        """Duration of the longest episode; None if steps have no duration. [s]"""
+        """Duration of the longest episode; None if the duration of a step is undefined. [s]"""
         return None if self.step_s is None else self.steps * self.step_s
 
 
@@ -126,21 +128,22 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Current state of a campaign.
 
     Attributes:
-        stopped_because: why it is in its final state, or why the service paused it, in words; empty
-            otherwise.
-        active_s: time during which it was running; pauses do not count.
-        digest: over all results in index order, once the campaign is done.
-        estimate: estimate of the failure probability; None if the method gives none, or none
-            yet.
+        stopped_because: why the campaign is in its final state, or why the service paused it;
+            empty otherwise.
+        active_s: time during which the campaign was running; pauses do not count.
+        digest: digest of all results in index order, once the campaign is done.
+        estimate: estimate of the failure probability; None if the method does not give one, or
+            has not yet.
         overhead: the part of `active_s` that was not a simulation.
-        trained_episodes: how many its learner was trained with so far; None if the method does
-            not say.
-        parts: the versions of the services that ran it, one after the other; empty until a service
-            has taken it over.
-        code: fingerprints of the code that workers ran its episodes with, by package; several where
-            workers had different code, and none if it is in no package with plug-ins.
-        archived_ms: when it was archived; None if it is not, and lists have it. [ms since 1970]
-        form: length and channels of its episodes, as they were when it was created.
+        trained_episodes: number of episodes that its learner was trained with so far; None if the
+            method does not report it.
+        parts: the versions of the services that ran the campaign, in order of time; empty until a
+            service has taken it over.
+        code: fingerprints of the code that workers ran its episodes with, by package; several if
+            workers had different code, none if the code is not in a package with plug-ins.
+        archived_ms: when the campaign was archived; None if it is not archived, and appears in
+            lists. [ms since 1970]
+        form: length and channels of its episodes, as they were when the campaign was created.
     """
 
     id: int
@@ -163,26 +166,26 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_mixed(self) -> bool:
-        """Whether services of other versions took the campaign over when it had results."""
+        """True if services of other versions took the campaign over after its first results."""
         return any(part.results for part in self.parts)
 
     @property
     def is_errored(self) -> bool:
-        """Whether the campaign is done and every episode of it errored."""
+        """True if the campaign is done and every episode of it errored."""
         return self.state_word == ERRORED
 
     @property
     def state_word(self) -> str:
-        """The state as people read it: "errored" if the campaign is done without any result."""
+        """The state as shown to users: "errored" if the campaign is done without a result."""
         return state_word(self.state, self.counts)
 
 
 class CampaignFilter(msgspec.Struct, frozen=True):
-    """The conditions on a campaign; None if anything will do.
+    """Conditions on a campaign; None for no condition.
 
     Attributes:
         method: name of the method.
-        search: text that its name contains, in small or large letters.
+        search: text that its name contains; case does not matter.
         besides: a method whose campaigns are left out.
         state: its state.
         suite: the suite that it belongs to.

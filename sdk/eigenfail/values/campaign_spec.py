@@ -19,22 +19,22 @@ RESULT_RULES = ("failures", "half_width", "cv")
 
 
 class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The first rule that holds ends the campaign; None is not a rule.
+    """Rules that end a campaign: the first one that holds ends it. None: the rule is not used.
 
-    Those on results are judged at whole rounds in index order, so that a campaign stops at the
-    same episode on any worker. Those on time and cost are judged as it runs; they cannot be
-    repeated to the episode.
+    Rules on results are judged at whole rounds in index order, so that a campaign stops at the
+    same episode on any worker. Rules on time and cost are judged while the campaign runs, so that
+    a repeated campaign may stop at another episode.
 
     Attributes:
         failures: number of failures. The failure rate is estimated without bias, and its
             interval is exact for this rule.
-        half_width: half the width of the 95 % confidence sequence of the failure rate fell to this.
-            Its upper end counts errored and unresolved episodes as failures. That interval, which
-            is also the one shown, may be looked at after every round, and is wider than one of a
-            fixed number of episodes. It is judged for every method, also for a search, whose share
-            is not a probability.
-        cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
-            this, for methods that estimate one.
+        half_width: threshold for half the width of the 95 % confidence sequence of the failure
+            rate; the rule holds at or below it. The upper end counts errored and unresolved
+            episodes as failures. The sequence holds after every round, and is wider than an
+            interval for a fixed number of episodes; it is also the interval shown. The rule applies
+            to every method, even to a search, whose share of failures is not a probability.
+        cv: threshold for the coefficient of variation of the failure probability, or of its lower
+            bound, for methods that estimate one; the rule holds at or below it.
         wall_s: maximum running time, without pauses.
         cost_usd: maximum cost of its instances.
     """
@@ -47,22 +47,22 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def judges_failures(self) -> bool:
-        """Whether the number of failures, or the rate that is known by it, may end the campaign."""
+        """True if a rule on the number of failures or on the failure rate is set."""
         return self.failures is not None or self.half_width is not None
 
     @property
     def judges_results(self) -> bool:
-        """Whether a rule on results may end the campaign; they are judged after each round."""
+        """True if a rule on results is set; such rules are judged after each round."""
         return not self.given().keys().isdisjoint(RESULT_RULES)
 
     def given(self) -> dict[str, float]:
-        """The rules that there are, by name."""
+        """Return the limits of the rules that are set, by name."""
         rules = msgspec.structs.asdict(self)
         return {name: limit for name, limit in rules.items() if limit is not None}
 
 
 class Priority(StrEnum):
-    """A name for a weight: campaigns that run side by side share the workers' time by weight."""
+    """Priority of a campaign: running campaigns share the workers' time by its weight."""
 
     LOW = "low"
     NORMAL = "normal"
@@ -70,12 +70,12 @@ class Priority(StrEnum):
 
     @property
     def weight(self) -> int:
-        """Its share of the workers' time is this ÷ the sum over all campaigns with work."""
+        """Weight: the share of the workers' time is weight ÷ sum over all campaigns with work."""
         return WEIGHTS[self]
 
     @property
     def head_start_ms(self) -> int:
-        """Time by which the campaign is moved ahead in the queue. [ms]"""
+        """Head start of the campaign in the queue. [ms]"""
         return HEAD_STARTS_MS[self]
 
 
@@ -89,7 +89,7 @@ HEAD_STARTS_MS: Mapping[Priority, int] = {
     Priority.NORMAL: HOUR_MS,
     Priority.HIGH: 2 * HOUR_MS,
 }
-"""A campaign that is queued more than two hours after another one is never started before it."""
+"""A campaign that is queued over two hours after another one never starts before it."""
 
 
 class PriorityChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -123,7 +123,7 @@ Settings = dict[str, Any]
 
 
 class Section(StrEnum):
-    """Section of the launch form; fields without one are placed by the plug-ins they belong to."""
+    """Section of the launch form; fields without a section appear with their plug-ins."""
 
     CAMPAIGN = "Campaign"
     RECORDS = "Price, records and priority"
@@ -131,14 +131,14 @@ class Section(StrEnum):
 
 
 class SpecField(msgspec.Struct, frozen=True, kw_only=True):
-    """Description of a field of a spec, from which forms, pages and comparisons are made.
+    """Description of a field of a spec, for forms, pages and comparisons.
 
-    It stands with the field, so that a new field is described in one place.
+    The description is part of the field's type, so that a new field is described in one place.
 
     Attributes:
-        help: sentence beside the field of a form.
+        help: sentence next to the field in a form.
         section: section of the form.
-        label: label on the page of a campaign; empty for fields that it shows elsewhere.
+        label: label on the page of a campaign; empty for fields that the page shows elsewhere.
         changes_episodes: whether campaigns that differ in this field have different episodes.
     """
 
@@ -149,7 +149,7 @@ class SpecField(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LabelField(SpecField, frozen=True, kw_only=True):
-    """A field in which campaigns with the same episodes may differ."""
+    """Description of a field that does not change the episodes."""
 
     changes_episodes: bool = False
 
@@ -161,24 +161,24 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         episodes: the budget; every simulated episode counts.
         stop: stop rules, which may end the campaign before its budget is spent.
         price_usd_per_hour: price of one instance.
-        instances: how many instances the campaign occupies while it runs.
-        parallel: number of workers to keep busy: as many episodes are open as they need, so that a
-            method that learns does not wait for its last rounds. Never fewer than without it, so
-            that it is no limit, but where chains move in groups instead of all at once. It is part
-            of what the campaign is, so that the episodes are the same for any number of workers.
-            None: what the method keeps open by itself.
-        scene_every: besides all failures, keep the scene of every n-th episode.
-        requirements: what an episode must satisfy, the most important first; an episode that
-            violates one of them is a failure. If they are absent, no collision.
-        importance: what searches follow in episodes that are no failures, in place of the
-            requirements' robustness: a requirement, which need not be satisfied. It changes how
-            soon failures are found, and not what is one.
-        priority: how large its share of the workers is beside other campaigns, and how soon it has
-            its turn; it may be changed later, and changes no episode.
-        planner_version: version of the planner, such as a commit. Campaigns of two versions are two
-            campaigns, also where nothing else differs.
-        project: project that the campaign belongs to; it is no part of what the campaign is.
-        tags: words by which campaigns are found; as the project.
+        instances: number of instances that the campaign occupies while it runs.
+        parallel: number of workers to keep busy: enough episodes are open for them, so that a
+            method that learns does not wait for its last rounds. At least as many episodes are open
+            as by default, unless chains move in groups instead of all at once. The setting is part
+            of the campaign's identity, so that its episodes are the same for any number of workers.
+            None: the method's default.
+        scene_every: keep the scene of every n-th episode, besides the scenes of all failures.
+        requirements: conditions that an episode must satisfy, the most important first; an episode
+            that violates one of them is a failure. If absent: no collision.
+        importance: requirement whose robustness guides searches in safe episodes, in place of the
+            requirements' robustness; episodes need not satisfy it. It changes how soon failures are
+            found, but not which episodes are failures.
+        priority: weight of the campaign when workers are shared, and its place in the queue. It may
+            be changed later, and does not change episodes.
+        planner_version: version of the planner, such as a commit. Specs with different versions are
+            different campaigns, even if nothing else differs.
+        project: project that the campaign belongs to; not part of the campaign's identity.
+        tags: search words for the campaign; not part of the campaign's identity.
     """
 
     name: Annotated[
@@ -295,17 +295,17 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     @property
     def named_requirements(self) -> tuple[AnyRequirement, ...]:
-        """The requirements that are named; none if only no collision is required."""
+        """The named requirements; empty if the only requirement is the default, no collision."""
         return () if isinstance(self.requirements, msgspec.UnsetType) else self.requirements
 
     @property
     def all_requirements(self) -> tuple[AnyRequirement, ...]:
-        """The requirements, also if it is the one that campaigns have by default."""
+        """The requirements, including the default one if none is named."""
         return self.named_requirements or COLLISION_ALONE
 
     @property
     def fails_by_collision_alone(self) -> bool:
-        """Whether every failure ends in a collision, as nothing else is required."""
+        """True if the absence of a collision is the only requirement."""
         return self.all_requirements == COLLISION_ALONE
 
     @property
@@ -323,8 +323,8 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
         Projects and tags do not count.
 
-        Channels may be written out in one of them, and no collision be the only requirement that is
-        named, as a service writes what it stores.
+        Two spellings that a service uses for stored specs make no difference: channels that are
+        written out, and "no collision" as the only named requirement.
         """
         # Everything that does not count is made equal, so that a new field counts by itself.
         like = {
@@ -341,7 +341,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         )
 
     def setup(self) -> EpisodeSetup:
-        """The setup that all of its episodes share."""
+        """Return the setup that all episodes of the campaign share."""
         return EpisodeSetup(
             simulator=self.simulator,
             scenario=self.scenario,

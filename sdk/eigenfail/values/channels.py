@@ -1,10 +1,11 @@
-"""Channels: named ways in which perception may be wrong, each with a model of its error.
+"""Channels: named errors of perception, each with an error model.
 
-`speed` is an error of the speed of the nearest vehicle, `vehicle_2.speed` of the second one of the
-scenario, `every.speed` of each of them, with noise of its own, and `ego.speed` of the ego itself.
-`delay` is how old the other vehicles are perceived, the same for a whole episode.
-`scenario.distance_m` is not an error: it makes the draw of that parameter a part of the search.
-`observation.3` is an error of a number that a simulator names so.
+`speed` is an error in the speed of the nearest vehicle, `vehicle_2.speed` in the speed of the
+scenario's second vehicle, and `ego.speed` in the speed of the ego. `every.speed` is an error in the
+speed of every vehicle, with independent noise for each. `delay` is the age at which the ego
+perceives other vehicles, constant during an episode. `scenario.distance_m` is not an error: it
+makes the draw of that parameter a part of the search. `observation.3` is an error in a number to
+which the simulator gives this name.
 """
 
 import re
@@ -24,15 +25,15 @@ MOST_CHANNELS = 50
 
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
 OBSERVATION = "observation"
-"""Targets of a channel, before the dot; vehicles are numbered from 1. What the observation of an
-environment holds, a simulator names itself."""
+"""Targets of a channel, before the dot; vehicles are numbered from 1. The simulator names the
+numbers in the observation of an environment."""
 
 MISSED, GHOST, SWAPPED = "missed", "ghost", "swapped"
-"""The events: a vehicle is not detected; something is detected that is not there; the numbers of
-two vehicles are exchanged."""
+"""Events: a vehicle is not detected; a vehicle that does not exist is detected; the numbers of two
+vehicles are exchanged."""
 
 DELAY = "delay"
-"""How old what is perceived of the other vehicles is."""
+"""Age at which other vehicles are perceived."""
 
 
 class Quantity(NamedTuple):
@@ -41,7 +42,7 @@ class Quantity(NamedTuple):
     Attributes:
         unit: unit of the error; empty for an event.
         sigma: default standard deviation at no distance, in that unit.
-        sigma_per_m: by how much it grows with each metre of distance.
+        sigma_per_m: growth of the standard deviation with each metre of distance.
         targets: targets whose perception it may disturb.
     """
 
@@ -68,8 +69,8 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         DELAY: Quantity("s", 0.1, 0.0, (NEAREST,)),
     }
 )
-"""By name. The defaults of a position are the paper's; the others are round numbers, for which a
-campaign substitutes those of its sensor."""
+"""Quantities by name. The defaults of the position errors are the paper's. The others are round
+numbers: in a campaign, replace them with the values of your sensor."""
 
 PARAMETER_QUANTITY = Quantity("", None, None, (SCENARIO,))
 """A scenario parameter, which is chosen by the quantile of its own distribution."""
@@ -84,14 +85,14 @@ GHOST_AHEAD_M = 40.0
 UNIT_SUFFIXES: Mapping[str, str] = MappingProxyType(
     {"m": "_m", "rad": "_rad", "m/s": "_mps", "s": "_s"}
 )
-"""What the names of columns end in, by unit."""
+"""Suffixes of the names of columns, by unit."""
 
 ALL_CHANNELS = frozenset(
     f"{target}.{name}".removeprefix(".")
     for name, quantity in QUANTITIES.items()
     for target in quantity.targets
 )
-"""The channels that a simulation can have, where one of every vehicle stands for each of them."""
+"""Channels that a simulation can have; one channel of `every` represents all vehicles."""
 
 # No leading zero: `vehicle_1` and `vehicle_01` would be two channels of one vehicle.
 _VEHICLE = re.compile(r"vehicle_([1-9][0-9]{0,2})")
@@ -105,23 +106,23 @@ class ChannelName(NamedTuple):
 
     @property
     def vehicle(self) -> int | None:
-        """Number of the vehicle that it names, from 1; None if it names none."""
+        """Number of the vehicle in the target, from 1; None without one."""
         match = _VEHICLE.fullmatch(self.target)
         return int(match[1]) if match else None
 
 
 def split_name(name: str) -> ChannelName:
-    """Return target and quantity of a channel."""
+    """Return the target and the quantity of a channel."""
     # At the last dot: names of functions' channels have none, and their target is then empty.
     target, _, quantity = name.rpartition(".")
     return ChannelName(target, quantity)
 
 
 def find_quantity(name: str) -> Quantity:
-    """Return what a channel disturbs.
+    """Return the quantity that a channel disturbs.
 
     Raises:
-        UnknownName: there is no such quantity.
+        UnknownName: the quantity does not exist.
     """
     target, quantity_name = split_name(name)
     quantity = _OWN_QUANTITIES.get(target) or QUANTITIES.get(quantity_name)
@@ -153,7 +154,7 @@ PARAMETER = ChannelKind(Once(), ("once",))
 KINDS: Mapping[str, ChannelKind] = MappingProxyType(
     {MISSED: EVENT, GHOST: EVENT, SWAPPED: EVENT, DELAY: LATENCY}
 )
-"""Kinds of quantities that are no errors at each step."""
+"""Kinds of the quantities that are not errors at each step."""
 
 
 class ColumnNames(NamedTuple):
@@ -165,9 +166,9 @@ class ColumnNames(NamedTuple):
 
 
 def name_columns(name: str) -> ColumnNames:
-    """Return the names of the columns of a channel, which end in its unit where it has one.
+    """Return the names of a channel's columns, with the unit as suffix if it is known.
 
-    Channels of functions may have any names; most have no unit that is known.
+    Channels of functions may have any names; for most of them, the unit is unknown.
     """
     target, quantity_name = split_name(name)
     # A parameter may be called `speed`, and has the unit that its scenario gives it.
@@ -181,23 +182,25 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     The error is a_t = sigma_t · u_t, with u = shape(z) and sigma_t = sigma + sigma_per_m · d, times
     the `scale` of the disturbance model. d is the true distance between the centres of the ego and
-    the vehicle [m]: along the road for `longitudinal`, across it for `lateral`, in the plane for
-    the others, and 0 for the ego itself. While the event of `missed` lasts, the vehicle is absent
-    from what the planner perceives. While that of `ghost` lasts, a car is perceived that stands in
-    the ego's lane where it was first seen. While that of `swapped` lasts, the two vehicles that are
-    nearest to the ego have each other's number. The other vehicles are perceived as they were |a_0|
-    before, to the nearest step, with the `delay` a_0, which is drawn once; the ego is not delayed.
-    A channel of the scenario has one draw for the episode, too, and its parameter is the
-    Phi(z_0)-quantile of the distribution that the campaign gives it.
+    the vehicle [m]. It is measured along the road for `longitudinal`, across it for `lateral`, and
+    in the plane for all further quantities. For the ego itself, d is 0.
+
+    During a `missed` event, the planner does not perceive the vehicle. During a `ghost` event, it
+    perceives a car at rest in the ego's lane, at the place of its first sighting. During a
+    `swapped` event, the two vehicles nearest to the ego have each other's number. With a `delay`
+    a_0, which is drawn once, the planner perceives every vehicle but the ego as it was |a_0|
+    before, to the nearest step. A channel of the scenario also has one draw for the episode. Its
+    parameter is the Phi(z_0)-quantile of the distribution that the campaign gives it.
 
     Attributes:
         name: target and quantity; see `QUANTITIES`.
         sigma: standard deviation at no distance, in the unit of the quantity; None: the default of
-            the quantity. An event has none.
-        sigma_per_m: by how much it grows with each metre of distance; None as above.
+            the quantity. Give none for an event.
+        sigma_per_m: growth of the standard deviation with each metre of distance; None: the default
+            of the quantity.
         shape: how u follows from z; None: white noise, `markov` for an event, and `once` for a
-            parameter of the scenario.
-        ahead_m: of `ghost` alone: how far ahead of the ego's centre it is first seen.
+            delay or a parameter of the scenario.
+        ahead_m: for `ghost` only: distance from the ego's centre to the ghost when first seen.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=40)]
@@ -208,7 +211,7 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def kind(self) -> ChannelKind:
-        """An error at each step, an event, a delay, or a parameter of the scenario."""
+        """The kind: an error at each step, an event, a delay, or a parameter of the scenario."""
         target, quantity = split_name(self.name)
         if target == SCENARIO:
             return PARAMETER
@@ -235,7 +238,7 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def in_words(self) -> str:
-        """What people read of a channel that is filled."""
+        """Return the model in words; the channel must be filled."""
         words = "" if self.shape is None else self.shape.in_words()
         if not self.kind.has_sigma:
             return words if self.ahead_m is None else f"{self.ahead_m:g} m ahead; {words}"
@@ -249,17 +252,17 @@ def resolve_channels(
     offered: frozenset[str],
     parameters: Sequence[str] = (),
 ) -> tuple[Channel, ...]:
-    """Return the channels with defaults written out, and those of every vehicle one by one.
+    """Return the checked channels with their defaults, and one channel for each vehicle of `every`.
 
     Args:
-        channels: as a campaign gives them.
+        channels: the channels as a campaign gives them.
         vehicles: number of vehicles besides the ego.
-        offered: channels that the simulator can inject, in the terms of `ALL_CHANNELS`.
+        offered: channels that the simulator can inject, named as in `ALL_CHANNELS`.
         parameters: names of the scenario's parameters that have a distribution.
 
     Raises:
-        UnknownName: the simulator offers no such channel, there is no such vehicle, or no such
-            parameter with a distribution.
+        UnknownName: the simulator does not offer the channel, the vehicle does not exist, or no
+            parameter of this name has a distribution.
         InvalidValue: a channel is named twice, has the shape of another kind of channel, is an
             event with a sigma, or needs more vehicles; or there are more than `MOST_CHANNELS`.
     """
@@ -287,12 +290,12 @@ def resolve_channels(
 
 
 def write_out(channels: tuple[Channel, ...], vehicles: int) -> tuple[Channel, ...]:
-    """Return the channels with their defaults, and those of every vehicle one by one."""
+    """Return the channels with their defaults, and one channel for each vehicle of `every`."""
     return tuple(one.filled() for channel in channels for one in _expand(channel, vehicles))
 
 
 def list_names(vehicles: int, offered: frozenset[str]) -> list[str]:
-    """Return the names that a campaign may use with a simulator, for that many vehicles."""
+    """Return the channel names that a campaign may use with that many vehicles."""
     each = [name for name in offered if split_name(name).target == EVERY]
     numbered = [
         f"{VEHICLE}{number}.{split_name(name).quantity}"

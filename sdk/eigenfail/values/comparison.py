@@ -22,7 +22,7 @@ class PairTotals(msgspec.Struct, frozen=True):
 
     @property
     def n(self) -> int:
-        """How many pairs."""
+        """Number of pairs."""
         return self.both + self.only_first + self.only_second + self.neither
 
 
@@ -30,15 +30,15 @@ class Side(msgspec.Struct, frozen=True, kw_only=True):
     """The findings of the campaigns of one side, taken together.
 
     Attributes:
-        campaigns: their ids, one for each seed.
-        completed: episodes.
-        failures: failures among them.
+        campaigns: ids of the campaigns, one for each seed.
+        completed: number of completed episodes.
+        failures: number of failures among them.
         failure_rate: failure rate with its interval; None before the first episode.
         rates: the failure rate of each campaign; None before its first episode.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
         mean_severity: mean severity of the failures [m²/s²].
-        cost: cost of all campaigns together, per failure of any.
+        cost: cost of all campaigns together, per failure of any campaign.
     """
 
     campaigns: tuple[int, ...]
@@ -52,14 +52,14 @@ class Side(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """Failure rate of B minus that of A, as shares of one.
+    """Difference of the failure rates, B minus A, as a fraction of 1.
 
     Attributes:
         interval: Tango's score interval of paired samples, or Newcombe's hybrid score interval of
-            independent ones; of searches as if their episodes were a sample, which they are not: a
-            rule of the gate, and not to be quoted.
-        n_a: completed episodes of A that the rate rests on.
-        n_b: the same of B.
+            independent ones. For searches, it treats the episodes as a random sample, which they
+            are not: use it only as a rule of the gate, and do not quote it.
+        n_a: number of completed episodes of A behind its rate.
+        n_b: number of completed episodes of B behind its rate.
         is_paired: whether the rates are of pairs of episodes with the same noise.
     """
 
@@ -71,15 +71,15 @@ class Difference(msgspec.Struct, frozen=True):
 
 
 class McNemar(msgspec.Struct, frozen=True):
-    """McNemar's exact test on paired episodes: whether one side fails where the other does not.
+    """McNemar's exact test on paired episodes, based on pairs with a single failure.
 
     Attributes:
-        n: pairs.
-        both: pairs in which both sides failed.
-        only_a: pairs in which only A failed.
-        only_b: pairs in which only B failed.
-        neither: pairs in which none failed.
-        p_value: two-sided.
+        n: number of pairs.
+        both: pairs with a failure on both sides.
+        only_a: pairs with a failure on side A only.
+        only_b: pairs with a failure on side B only.
+        neither: pairs without a failure.
+        p_value: two-sided p-value.
     """
 
     n: int
@@ -91,7 +91,7 @@ class McNemar(msgspec.Struct, frozen=True):
 
 
 class Magnitude(StrEnum):
-    """How large an effect is called (Vargha and Delaney 2000)."""
+    """Magnitude of an effect (Vargha and Delaney 2000)."""
 
     NEGLIGIBLE = "negligible"
     SMALL = "small"
@@ -103,10 +103,10 @@ class EffectSize(msgspec.Struct, frozen=True):
     """Vargha and Delaney's A12 over campaigns, by failure rate.
 
     Attributes:
-        a12: the probability that a campaign of B has a higher failure rate than one of A, ties
-            counted half.
-        n_a: campaigns of A.
-        n_b: campaigns of B.
+        a12: probability that a campaign of B has a higher failure rate than a campaign of A; ties
+            count half.
+        n_a: number of campaigns of A.
+        n_b: number of campaigns of B.
     """
 
     a12: float
@@ -116,7 +116,7 @@ class EffectSize(msgspec.Struct, frozen=True):
 
 
 class Distinction(msgspec.Struct, frozen=True):
-    """A thing in which the two sides were not asked for the same, in words."""
+    """A setting that differs between the two sides, in words."""
 
     thing: str
     a: str
@@ -127,11 +127,12 @@ class Comparison(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """Two groups of campaigns, side by side.
 
     Attributes:
-        difference: None before both have completed an episode.
-        pairs: None if episodes are not paired.
-        unpaired_because: why not, in words; empty if they are.
-        effect: None with so few campaigns that even full separation could be chance.
-        distinctions: settings in which the sides differ.
+        difference: difference of the failure rates; None until both sides have completed an
+            episode.
+        pairs: test on pairs; None if episodes are not paired.
+        unpaired_because: why episodes are not paired; empty if they are.
+        effect: effect size; None with so few campaigns that even full separation could be chance.
+        distinctions: settings that differ between the sides.
         sentences: summary of the comparison, one sentence per finding.
         warnings: limitations of the result.
     """
@@ -148,7 +149,7 @@ class Comparison(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_sampled(self) -> bool:
-        """Whether the episodes of both sides are random samples, whose rates can be compared."""
+        """True if both sides have rates of random samples, so that they can be compared."""
         rates = (self.a.failure_rate, self.b.failure_rate)
         return all(rate is not None and rate.sampled for rate in rates)
 
@@ -158,8 +159,9 @@ class Peers(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         planner_settings: settings that differ from the planner's defaults.
-        scenario_parameters: the same of the scenario, each a value or a distribution.
-        requirements: what an episode must satisfy; None: no collision.
+        scenario_parameters: parameters that differ from the scenario's defaults, each a value or a
+            distribution.
+        requirements: conditions that an episode must satisfy; None: no collision.
     """
 
     planner: str
@@ -172,20 +174,21 @@ class Peers(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Pool(msgspec.Struct, frozen=True, kw_only=True):
-    """The campaigns of one method among such peers, as sums.
+    """Sums over the campaigns of one method among peers.
 
     Attributes:
-        campaigns: how many there are.
-        newest: the id of the newest one.
-        completed: episodes.
-        failures: failures among them.
+        campaigns: number of campaigns.
+        newest: id of the newest campaign.
+        completed: number of completed episodes.
+        failures: number of failures among them.
         errored: number of episodes that errored.
         unresolved: number of episodes that are unresolved.
         judges_failures: whether a stop rule of one of the campaigns judges failures.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
-        seeds: number of campaigns with a completed episode, if these differ in name, priority and
-            seed alone, each with its own seed, and the others cost nothing; otherwise 0.
+        seeds: number of campaigns with a completed episode. 0 unless these differ only in name,
+            priority and seed, and all seeds differ. 0 also if a campaign without a completed
+            episode has costs.
         usd_squares: sum of the squared costs of campaigns. [USD²]
         failure_squares: sum of the squared numbers of failures.
         usd_failures: sum of cost × failures. [USD]
@@ -212,12 +215,13 @@ class MethodCost(msgspec.Struct, frozen=True, kw_only=True):
     """The cost of a failure with one method, over all its campaigns among some peers.
 
     Attributes:
-        campaigns: how many were pooled.
-        newest: the id of the newest one.
-        failure_rate: over the episodes of all of them; None before the first one.
-        cost: total cost ÷ failures. Its interval is that of the failure rate where episodes are
-            drawn from p(x); of a search it is across seeds, and there is none unless `seeds`.
-        seeds: number of seeds across which the interval holds; 0 if it does not rest on seeds.
+        campaigns: number of pooled campaigns.
+        newest: id of the newest campaign.
+        failure_rate: failure rate over all their episodes; None before the first episode.
+        cost: total cost ÷ failures. If episodes are drawn from p(x), the interval follows from the
+            interval of the failure rate. For a search, it is an interval across seeds, which exists
+            only if `seeds` is above 0.
+        seeds: number of seeds behind the interval; 0 if the interval does not rest on seeds.
     """
 
     method: str
@@ -234,8 +238,8 @@ class PeerCosts(msgspec.Struct, frozen=True, kw_only=True):
     """Cost per failure by method among comparable campaigns.
 
     Attributes:
-        methods: Monte Carlo first, then the cheapest first.
-        notes: which campaigns are pooled, and what the numbers do not cover.
+        methods: cost by method: Monte Carlo first, then the cheapest first.
+        notes: which campaigns are pooled, and the limits of the numbers.
     """
 
     peers: Peers

@@ -33,18 +33,18 @@ of the nearest vehicle. z has a column for each channel, in this order."""
 
 
 SMALLEST_EIGENVALUE = 1e-9
-"""Of a matrix of correlations that has a Cholesky factor in doubles, with some to spare."""
+"""Smallest eigenvalue of an accepted correlation matrix: its Cholesky factor exists in doubles."""
 
 
 class ScenarioCorrelation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Two channels of scenario parameters that depend on each other, by a Gaussian copula.
+    """Correlation of two channels of scenario parameters, by a Gaussian copula.
 
-    z of both stays independent. The parameters are the quantiles at Phi of two standard normal
-    values that correlate by the coefficient.
+    The z of both channels stay independent. From them follow two standard normal values with this
+    correlation; each parameter is the quantile at Phi of its value.
 
     Attributes:
-        channels: the names of both.
-        coefficient: correlation of these values.
+        channels: names of the two channels.
+        coefficient: correlation of the two standard normal values.
     """
 
     channels: tuple[str, str]
@@ -55,17 +55,18 @@ CORRELATIONS_FIELD = "disturbance.correlations"
 
 
 class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """a_t = sigma_t · u_t, sigma growing with the distance (paper, eq. 2 and 3).
+    """The disturbance model a_t = sigma_t · u_t; sigma grows with distance (paper, eq. 2 and 3).
 
     sigma_x = scale · (longitudinal_slope · |dx| + longitudinal_base_m), and the same for y. [m]
-    u = shape(z), with z independent and standard normal; with the default shape, u = z: the
+
+    u = shape(z), with z independent and standard normal. With the default shape, u = z: the
     paper's a_t ~ N(0, diag(sigma_x², sigma_y²)).
 
     Attributes:
-        scale: multiplies every sigma: what the margin of a sensor's specification is asked in.
-        shape: makes the standardised noise u of z, in unit variance.
-        channels: all channels of the noise, in place of the two of the position of the nearest
-            vehicle that the other fields describe.
+        scale: factor of every sigma; measures the margin of a sensor's specification.
+        shape: function that makes the standardised noise u, with unit variance, from z.
+        channels: all channels of the noise. They replace the two position channels of the nearest
+            vehicle, which the slopes, bases and shape describe.
         correlations: correlations between channels of scenario parameters; all others are
             independent.
         occlusion: whether vehicles that others hide from the ego are not detected.
@@ -91,7 +92,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_occluding(self) -> bool:
-        """Whether vehicles that others hide are not detected."""
+        """True if vehicles that others hide from the ego are not detected."""
         return self.occlusion is True
 
     def list_channels(self) -> tuple[Channel, ...]:
@@ -113,7 +114,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def searched_parameters(self) -> tuple[str, ...]:
-        """The parameters of the scenario that channels make a part of the search."""
+        """Names of the scenario parameters that channels make a part of the search."""
         names = map(split_name, (channel.name for channel in self.list_channels()))
         return tuple(quantity for target, quantity in names if target == SCENARIO)
 
@@ -129,12 +130,13 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
     def check_correlations(self) -> None:
-        """Check that correlations are between channels of scenario parameters, and can be.
+        """Check that correlations are between channels of scenario parameters, and possible.
 
         Raises:
-            UnknownName: one names a channel that is not among those of scenario parameters.
-            InvalidValue: one names a channel twice, or a pair that an earlier one names, or the
-                matrix of all of them is not positive definite.
+            UnknownName: a correlation names a channel that is not a channel of a scenario
+                parameter.
+            InvalidValue: a correlation names a channel twice or repeats a pair, or the matrix of
+                all correlations is not positive definite.
         """
         if isinstance(self.correlations, msgspec.UnsetType):
             return
@@ -166,8 +168,8 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return the model with its channels written out; see `resolve_channels`.
 
         Raises:
-            UnknownName: a channel that does not exist, with those that do.
-            InvalidValue: a channel's model is not one, or the fields of a position are set, too.
+            UnknownName: a channel does not exist; the error lists the known ones.
+            InvalidValue: a channel's model is invalid, or slopes, bases or shape are set, too.
         """
         if isinstance(self.channels, msgspec.UnsetType):
             return self
@@ -190,7 +192,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def is_like(self, other: "DisturbanceModel") -> bool:
-        """Return whether both are the same with their channels written out, one by one."""
+        """Return whether both models are the same once their channels are written out."""
         numbers = [
             split_name(channel.name).vehicle or 1
             for model in (self, other)
@@ -204,13 +206,13 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return mine == theirs
 
     def write_out(self, vehicles: int) -> "DisturbanceModel":
-        """Return the model with its channels written out, one by one, unchecked."""
+        """Return the model with its channels written out, without checking them."""
         if isinstance(self.channels, msgspec.UnsetType):
             return self
         return replace(self, channels=write_out(self.channels, vehicles))
 
     def in_words(self) -> dict[str, str]:
-        """What people read, by name."""
+        """Return the model in words, by name of the channel or setting."""
         occlusion = {"occlusion": "vehicles that others hide are not detected"}
         correlations = {
             f"correlation of {one} and {other}": f"{value:g}"
@@ -240,10 +242,9 @@ POSITION = DisturbanceModel().list_channels()
 
 
 class Conversion:
-    """Converts the noise of one episode, step by step from its start, in either direction.
+    """Converter between z and injected errors of one episode, step by step from its start.
 
-    On a road, the values of a channel of the nearest vehicle go on should another one become the
-    nearest.
+    If another vehicle becomes the nearest one, the noise of its channels continues.
     """
 
     def __init__(self, shape: NoiseShape) -> None:
@@ -252,24 +253,24 @@ class Conversion:
         self._before: Row | None = None
 
     def inject(self, z: Row, sigma: Row) -> Row:
-        """a_t = sigma_t · u_t, on a road in the units of the channels."""
+        """Return the errors a_t = sigma_t · u_t; on a road, in the units of the channels."""
         u = self.standardise(z, sigma)
         return tuple([each * at for each, at in zip(u, self._get_scales(sigma), strict=True)])
 
     def standardise(self, z: Row, sigma: Row) -> Row:
-        """u_t of z_t."""
+        """Return u_t from z_t."""
         self._before = self._shape.step(z, self._before, sigma)
         return self._before
 
     def to_z(self, a: Row, sigma: Row) -> Row:
-        """z_t of the errors that were injected at that sigma."""
+        """Return z_t from the errors that were injected at that sigma."""
         u = tuple([each / at for each, at in zip(a, self._get_scales(sigma), strict=True)])
         z = self._shape.step_back(u, self._before, sigma)
         self._before = u
         return z
 
     def _get_scales(self, sigma: Row) -> Row:
-        """The factor of u_t: 1 if sigma holds the probability of an event."""
+        """Return the factors of u_t: 1 if sigma holds the probability of an event."""
         if not self._rated:
             return sigma
         return tuple([1.0 if way in self._rated else each for way, each in enumerate(sigma)])
@@ -288,9 +289,9 @@ class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
     Attributes:
         z: the standard normal draws behind the noise, shape (steps, channels).
         sigma: standard deviations at each step, in the units of the channels, shape (steps,
-            channels). Of an event it is 1, or the probability that it begins where that depends on
-            the distance.
-        shape: how the noise came of z.
+            channels). For an event: 1, or the probability that the event begins if the probability
+            depends on the distance.
+        shape: how the noise follows from z.
     """
 
     z: Floats
@@ -301,10 +302,15 @@ class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
     def from_injected(
         cls, injected: Doubles, sigma: Floats, shape: NoiseShape
     ) -> "NoiseTrajectory":
-        """The noise that injects these, shape (steps, channels), to the precision of float32.
+        """Return the noise whose errors are `injected`, to the precision of float32.
+
+        Args:
+            injected: errors, shape (steps, channels).
+            sigma: standard deviations, as in the attributes.
+            shape: how the noise follows from z.
 
         Raises:
-            InvalidValue: noise would be beyond the range of float32.
+            InvalidValue: the noise would be beyond the range of float32.
         """
         z = _convert(Conversion(shape).to_z, injected, sigma)
         # Refused before the conversion, which would make infinity of it without a word.
@@ -320,12 +326,12 @@ class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def standardised(self) -> Doubles:
-        """u_t, in a continuous channel of mean 0 and variance 1, shape (steps, channels)."""
+        """u_t, shape (steps, channels); mean 0 and variance 1 in a continuous channel."""
         return _convert(Conversion(self.shape).standardise, self.z, self.sigma)
 
     @property
     def counted_z(self) -> Floats:
-        """z with 0 in place of the values that have no effect."""
+        """z with 0 in place of values without effect."""
         shape = self.shape
         return shape.drop_uncounted(self.z) if isinstance(shape, PerChannel) else self.z
 
@@ -338,15 +344,15 @@ class NoiseTrajectory(Brief, msgspec.Struct, frozen=True, eq=False, dict=True):
     def log_probability_per_step(self) -> Doubles:
         """log p(a_t | a_1 … a_{t-1}) of every step, shape (steps,); a in the channels' units.
 
-        On each channel log N(z_t) - log sigma_t - log |du_t/dz_t|: a change of variables whose
-        Jacobian is triangular, since u_t depends on no later z. On a channel of events, log of the
-        probability of what happens at t.
+        The sum over the channels of log N(z_t) - log sigma_t - log |du_t/dz_t|: a change of
+        variables whose Jacobian is triangular, since u_t does not depend on later z. For a channel
+        of events: the log probability of the outcome at t.
         """
         return _find_log_densities([self])
 
 
 def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[dict[str, float]]:
-    """Return a row for each step of noise, with columns for each of its channels by these names."""
+    """Yield a row for each step of the noise, with columns for each of the named channels."""
     columns = [name_columns(name) for name in channels]
     # As floats of Python: numpy's are not written by every encoder of JSON and CSV.
     rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
@@ -361,11 +367,12 @@ class ChannelLikelihood(msgspec.Struct, frozen=True):
     """How likely the noise of one channel was, over the steps of an episode.
 
     Attributes:
-        name: of the channel.
-        log_probability: its part in log p, in the unit of the channel, or of an event the log
-            probability of what happened. null if what was recorded has no density.
-        relative: -1/2 of the sum of z²: log density of its z less that of z = 0, the most likely
-            one, whatever unit and shape the channel has; null as above.
+        name: name of the channel.
+        log_probability: part of the channel in log p, in the unit of the channel; for an event, the
+            log probability of the outcomes. null if the recorded noise does not have a density.
+        relative: -1/2 of the sum of z²: log density of z minus the log density of z = 0, the most
+            likely value. It does not depend on the channel's unit and shape; null if it is not
+            finite.
     """
 
     name: str
@@ -376,7 +383,7 @@ class ChannelLikelihood(msgspec.Struct, frozen=True):
 def find_channel_likelihoods(
     noise: NoiseTrajectory, channels: Sequence[str]
 ) -> tuple[ChannelLikelihood, ...]:
-    """Return how likely the noise of each channel was; nothing for noise without a step."""
+    """Return how likely the noise of each channel was; empty for noise without a step."""
     if not len(noise.z):
         return ()
     parts = _find_channel_densities([noise]).sum(axis=0).tolist()
@@ -392,9 +399,9 @@ def _keep_finite(value: float) -> float | None:
 
 
 def sum_log_densities(trajectories: Sequence[NoiseTrajectory]) -> list[float]:
-    """The `log_probability` of each trajectory; all have the same number of channels.
+    """Return the `log_probability` of each trajectory; all have the same number of channels.
 
-    The steps are not kept: a hub holds thousands of results, and needs the sums alone.
+    The values at each step are not kept: a hub holds thousands of results, and only needs sums.
     """
     sums: list[float] = []
     for first in range(0, len(trajectories), TRAJECTORIES_AT_A_TIME):
@@ -409,7 +416,7 @@ def sum_log_densities(trajectories: Sequence[NoiseTrajectory]) -> list[float]:
 
 
 def _find_log_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
-    """log p of every step of the trajectories, one after the other, shape (all steps,)."""
+    """Return log p of every step of the trajectories in sequence, shape (all steps,)."""
     density = _find_channel_densities(trajectories)
     # Two channels are the usual case, for which numpy's sum takes ten times as long.
     if density.shape[1] == len(AXES):
@@ -420,7 +427,7 @@ def _find_log_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
 
 
 def _find_channel_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
-    """log p of every step on each channel, shape (all steps, channels)."""
+    """Return log p of every step on each channel, shape (all steps, channels)."""
     z = np.concatenate([each.z for each in trajectories], dtype=np.float64)
     scales = [_get_scales(each) for each in trajectories]
     sigma = np.concatenate(scales, dtype=np.float64)
@@ -439,7 +446,7 @@ def _find_channel_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
 
 
 def _get_scales(noise: NoiseTrajectory) -> Floats:
-    """The sigma of noise, with 1 in place of the probabilities of events."""
+    """Return the sigma of noise, with 1 in place of the probabilities of events."""
     if not isinstance(noise.shape, PerChannel) or not (rated := noise.shape.rated):
         return noise.sigma
     scales = noise.sigma.copy()
@@ -450,6 +457,6 @@ def _get_scales(noise: NoiseTrajectory) -> Floats:
 def _convert(
     step: Callable[[Row, Row], Row], values: NDArray[np.floating], sigma: Floats
 ) -> Doubles:
-    """Every row of an array with its sigma taken through one step of a conversion."""
+    """Return the array with each row taken, with its sigma, through a step of a conversion."""
     rows = zip(values.tolist(), sigma.tolist(), strict=True)
     return np.array([step(value, at) for value, at in rows]).reshape(values.shape)

@@ -22,7 +22,7 @@ MAX_SEED = 2**63 - 1
 
 
 MAX_WALL_S = 7 * 86_400.0
-"""The longest that an episode is believed to have taken: a worker may report any number. [s]"""
+"""The longest credible duration of an episode: a worker may report any number. [s]"""
 
 
 # Nothing that a task or a result holds refers to another one, so they form no cycles. A hub holds
@@ -36,8 +36,8 @@ class PriorSource(msgspec.Struct, frozen=True, gc=False, tag="prior"):
 class Importance(StrEnum):
     """An importance function: how close an episode is to a collision, after each step.
 
-    Splitting continues the episodes in which it has been largest. It decides how precise an
-    estimate is, and not what it estimates.
+    Splitting continues the episodes with its largest values so far. The function changes how
+    precise an estimate is, but not the estimated quantity.
     """
 
     REQUIRED_BRAKING = "required_braking"
@@ -50,8 +50,8 @@ class TrajectorySource(msgspec.Struct, frozen=True, eq=False, gc=False, tag="tra
 
     Attributes:
         importance: importance function whose values the result is to have; None for no values.
-        seed: seed of the episode that is replayed, which the replay then has as well: whatever the
-            scenario draws is drawn again. None: the episode has a seed of its own.
+        seed: seed of the episode to replay. The replay has the same seed, so that the scenario's
+            draws are repeated. None: the seed is `episode_seed`.
     """
 
     z: Floats
@@ -60,7 +60,7 @@ class TrajectorySource(msgspec.Struct, frozen=True, eq=False, gc=False, tag="tra
 
 
 class PolicySource(msgspec.Struct, frozen=True, gc=False, tag="policy"):
-    """Let this version of the adversary's policy choose z_t from what it sees."""
+    """Let this version of the adversary's policy choose z_t from its observations."""
 
     version: int
 
@@ -69,12 +69,12 @@ Source = PriorSource | TrajectorySource | PolicySource
 
 
 class EpisodeTask(msgspec.Struct, frozen=True, eq=False, gc=False):
-    """One episode to be run.
+    """An episode to run.
 
     Attributes:
         index: its number within the campaign, from 0.
-        seed: seed of everything random in it: that of its source, or else `episode_seed`.
-        source: where its disturbances come from.
+        seed: seed of all randomness in the episode: the source's seed, or else `episode_seed`.
+        source: source of its disturbances.
     """
 
     index: int
@@ -96,8 +96,9 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
     """The setup that all episodes of a campaign share: names of plug-ins, and their settings.
 
     Attributes:
-        requirements: what an episode must satisfy; where they are absent, no collision.
-        importance: what searches follow in safe episodes; where it is absent, the requirements.
+        requirements: conditions that an episode must satisfy; if absent, no collision.
+        importance: requirement that guides searches in safe episodes; if absent, the
+            requirements.
     """
 
     simulator: str
@@ -112,7 +113,7 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
     importance: AnyRequirement | msgspec.UnsetType = msgspec.UNSET
 
     def make_judge(self) -> EpisodeJudge | None:
-        """Return what judges the episodes; None if only no collision is required."""
+        """Return the judge of the episodes; None if no requirements are named."""
         if isinstance(self.requirements, msgspec.UnsetType):
             return None
         followed = self.importance
@@ -122,7 +123,7 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
 
 
 ERRORED = "errored"
-"""What people call an episode that could not be completed, and a campaign of only such episodes."""
+"""Shown state of an episode that could not be completed, and of a campaign of only such ones."""
 
 
 class Outcome(StrEnum):
@@ -131,9 +132,8 @@ class Outcome(StrEnum):
     A violation is a failure without a collision: the episode violates another requirement of its
     campaign. A collision that no requirement forbids counts as safe.
 
-    An episode that errored could not be completed, which says nothing about the ego. "failed" is
-    only its stored and sent spelling: people read `word`, and "errored" is accepted wherever an
-    outcome is.
+    An errored episode could not be completed, which is not evidence about the ego. It is stored and
+    sent as "failed", but shown as `word`. "errored" is accepted in place of "failed".
     """
 
     COLLISION = "collision"
@@ -147,12 +147,12 @@ class Outcome(StrEnum):
 
     @property
     def word(self) -> str:
-        """The outcome as people read it: collision, violation, safe or errored."""
+        """The outcome as shown to users: collision, violation, safe or errored."""
         return ERRORED if self is Outcome.ERRORED else self.value
 
     @property
     def is_failure(self) -> bool:
-        """Whether the episode violates a requirement of its campaign, by a collision or not."""
+        """True if the episode violates a requirement of its campaign, by a collision or not."""
         return self in FAILURES
 
 
@@ -163,15 +163,15 @@ FAILURES = (Outcome.COLLISION, Outcome.VIOLATION)
 class EpisodeFault(msgspec.Struct, frozen=True):
     """Why an episode errored.
 
-    `kind` is infrastructure, simulator, planner, solver or input. The message is bounded, and holds
-    no character that a message or a database refuses, wherever it came from.
+    `kind` is infrastructure, simulator, planner, solver or input. The message is bounded in length,
+    and free of characters that a message or a database refuses.
     """
 
     kind: str
     message: str
 
     def __post_init__(self) -> None:
-        """Clean the texts, which plug-ins and workers have a hand in."""
+        """Clean the texts, which may come from plug-ins and workers."""
         msgspec.structs.force_setattr(self, "kind", clean_text(self.kind))
         msgspec.structs.force_setattr(self, "message", clean_text(self.message))
 
@@ -182,12 +182,12 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
     Attributes:
         measures: None if the episode errored.
         noise: the disturbances injected; empty if the episode errored before its first step.
-        states: what the adversary saw, shape (steps, count_state(channels)), for policy
-            sources.
-        importance: importance after each step, shape (steps,), where its source asks for it.
-        scene: the full trajectories, for failures and a sample of the others.
-        requirements: robustness of each requirement of its campaign, in its unit and in their
-            order; empty if only no collision is required.
+        states: states that the adversary observed, shape (steps, count_state(channels)), for
+            policy sources.
+        importance: importance after each step, shape (steps,), if its source requests it.
+        scene: the full trajectories, for failures and a sample of all others.
+        requirements: robustness of each requirement of its campaign, in the requirement's unit and
+            in their order; empty if the campaign names none.
         wall_s: time the worker spent on the episode; not part of the digest.
         source: kind of its disturbance source: prior, trajectory or policy.
     """
@@ -208,20 +208,20 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
 
     @property
     def is_failure(self) -> bool:
-        """Whether it violates a requirement of its campaign."""
+        """True if the episode violates a requirement of its campaign."""
         return self.outcome.is_failure
 
     @property
     def believed_wall_s(self) -> float:
-        """Time the worker spent on the episode; 0 if it reports what no episode takes. [s]"""
+        """Time the worker spent on the episode; 0 if the reported time is not credible. [s]"""
         return self.wall_s if 0.0 <= self.wall_s <= MAX_WALL_S else 0.0
 
     def digest(self) -> str:
-        """SHA-256 of what happened: the same for an episode and for its replay, bit for bit.
+        """Return the SHA-256 of the course: the same for an episode and its exact replay.
 
-        It covers the outcome, steps, noise and measures; not the index, the source or the time.
-        Requirements that are named add to it.
-        A shape adds to it if there is noise that does not follow from z and sigma alone.
+        The digest covers the outcome, steps, noise and measures, but not the index, the source or
+        the time. It also covers named requirements, and the shape if the noise does not follow from
+        z and sigma alone.
         """
         measures = self.measures or Measures(float("nan"))
         parts = (self.outcome.encode(), struct.pack("<q", self.steps), measures.packed())
@@ -236,7 +236,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
 
 
 def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:
-    """The result of an episode that did not get as far as its first step."""
+    """Return the result of an episode that ended before its first step, with its fault."""
     nothing = np.zeros((0, 2), np.float32)
     return EpisodeResult(
         index=task.index,
@@ -250,12 +250,12 @@ def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:
 
 
 def episode_seed(campaign_seed: int, index: int) -> int:
-    """The seed of episode `index`: a function of the campaign's seed and the index alone."""
+    """Return the seed of an episode, which depends only on the campaign's seed and the index."""
     state = np.random.SeedSequence([campaign_seed, index]).generate_state(1, np.uint64)
     return int(state[0]) & MAX_SEED
 
 
 def learner_seed(campaign_seed: int) -> int:
-    """The seed of the learner's own draws, apart from those of all episodes."""
+    """Return the seed of the learner's draws, which differs from the seeds of all episodes."""
     state = np.random.SeedSequence([campaign_seed], spawn_key=(0,)).generate_state(1, np.uint64)
     return int(state[0]) & MAX_SEED

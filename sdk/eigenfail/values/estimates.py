@@ -18,7 +18,7 @@ IMPORTANCE_SAMPLING = "importance sampling"
 
 
 BY_MONTE_CARLO = "Monte Carlo"
-"""How an estimate was found that is a share of draws from p(x)."""
+"""Method of an estimate that is a share of draws from p(x)."""
 
 
 ONE_REGION = (
@@ -28,25 +28,24 @@ ONE_REGION = (
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
-    """The failure probability under p(x), as a learner knows it after its last whole round.
+    """Failure probability under p(x), as a learner estimated it after its last whole round.
 
-    An estimate by importance sampling is a lower bound without an interval, whatever it was stored
-    as: the proposal follows one failure region, and neither the spread of the weights nor the
-    agreement of several such estimates shows the share of the regions that were missed.
+    An estimate by importance sampling is a lower bound without an interval, whatever its stored
+    form. The proposal follows one failure region. Neither the spread of the weights nor the
+    agreement of several such estimates shows the share of missed regions.
 
     Attributes:
-        by: how it was found: "subset simulation", "mixture sampling", "importance sampling" or
-            "Monte Carlo".
-        episodes: how many it rests on.
-        probability: None if no honest estimate exists; `problem` then says why.
-        bound: "lower" where `probability` is only a lower bound, which `note` explains; None
+        by: method: "subset simulation", "mixture sampling", "importance sampling" or "Monte Carlo".
+        episodes: number of episodes behind the estimate.
+        probability: the estimate; None if an honest estimate does not exist: see `problem`.
+        bound: "lower" if `probability` is only a lower bound, which `note` explains; None
             if it is an estimate of the probability itself.
-        cv: coefficient of variation: standard error ÷ probability. Of a lower bound it is the
+        cv: coefficient of variation: standard error ÷ probability. For a lower bound, it is the
             random error of the bound, not the distance from the true probability.
-        interval: interval of 95 %; None of a lower bound.
-        effective: effective sample size, of weighted samples.
-        problem: why there is no number, and what to do; empty otherwise.
-        note: what neither the number nor its interval can know.
+        interval: 95 % interval; None for a lower bound.
+        effective: effective sample size of weighted samples.
+        problem: why the number is missing, and what to do; empty otherwise.
+        note: limitations that neither the number nor its interval shows.
     """
 
     by: str
@@ -60,10 +59,10 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     bound: Literal["lower"] | None = None
 
     def bound_below(self, errored: int) -> "Estimate":
-        """Return the estimate of a campaign of which some episodes errored: a lower bound.
+        """Return the estimate as a lower bound if some episodes of the campaign errored.
 
-        Methods count an errored episode as no failure, although it may hide one. A share of draws
-        from p(x) stays as it is: its interval counts them as failures.
+        Methods count an errored episode as safe, although it may hide a failure. A share of draws
+        from p(x) does not change: its interval counts errored episodes as failures.
 
         Args:
             errored: number of errored episodes of the campaign.
@@ -77,12 +76,12 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RateDesign(StrEnum):
-    """How the number of trials behind a rate came about, which decides its estimate and interval.
+    """How the number of trials behind a rate was set, which decides its estimate and interval.
 
-    `fixed`: it was fixed beforehand: k ÷ n, and Wilson's interval. `failures`: a number of failures
-    may have ended the trials: an estimate without bias, and the exact interval of that rule.
-    `sequence`: the trials may have ended at any look at their results: k ÷ n, which is biased, and
-    a confidence sequence, which holds at every look.
+    `fixed`: the number was fixed beforehand. The estimate is k ÷ n, with Wilson's interval.
+    `failures`: a number of failures may have ended the trials. The estimate is unbiased, with the
+    exact interval of that rule. `sequence`: any look at the results may have ended the trials. The
+    estimate is k ÷ n, which is biased, with a confidence sequence, which holds at every look.
     """
 
     FIXED = "fixed"
@@ -91,22 +90,22 @@ class RateDesign(StrEnum):
 
 
 class Rate(msgspec.Struct, frozen=True):
-    """k of n, with its estimate and interval.
+    """A rate k of n, with its estimate and interval.
 
-    An errored episode and an unresolved one may hide an event. Both count as events in the upper
-    end of the interval, and as none in the lower end. The estimate leaves errored episodes out.
+    An errored or unresolved episode may hide an event. The upper end of the interval counts such
+    episodes as events; the lower end does not. The estimate leaves errored episodes out.
 
     Attributes:
         k: number of events among the completed episodes.
         n: number of completed episodes.
-        value: the estimate; None if there is none without bias, as with the stop rule
+        value: the estimate; None if an unbiased estimate does not exist, as with the stop rule
             `failures = 1`.
-        interval: 95 % interval, as the design says; one-sided for 0 and for n of n. None if the
-            n are no random sample.
-        sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
-            them, so that their share estimates no probability, and has no interval.
-        design: how the number of trials came about.
-        errored: number of episodes that errored, besides the n.
+        interval: 95 % interval of the design; one-sided for 0 and for n of n. None if the n
+            episodes are not a random sample.
+        sampled: whether the n episodes were drawn from p(x). A search chooses its episodes, so that
+            their share does not estimate a probability, and does not get an interval.
+        design: how the number of trials was set.
+        errored: number of episodes that errored, not included in n.
         unresolved: number of episodes among the n that ended before what may have become an event.
     """
 
@@ -126,7 +125,7 @@ class Rate(msgspec.Struct, frozen=True):
 
     @property
     def share(self) -> float:
-        """k ÷ n, also where `value` is another estimate."""
+        """k ÷ n, even if `value` is another estimate."""
         return self.k / self.n
 
     def __post_init__(self) -> None:
@@ -140,10 +139,10 @@ class Cost(msgspec.Struct, frozen=True):
 
     Attributes:
         total_usd: price per instance-hour × instance-hours.
-        per_failure_usd: total ÷ failures; None while there is none.
+        per_failure_usd: total ÷ failures; None without failures.
         interval_usd: interval of the cost per failure, from the interval of the failure rate or
-            across seeds; None while there is no failure, and where it has no upper end.
-        at_least_usd: lower bound of the cost per failure (95 %), which holds without failures too.
+            across seeds; None without failures, or if the interval is open above.
+        at_least_usd: lower bound of the cost per failure (95 %), which also holds without failures.
     """
 
     total_usd: float
@@ -154,14 +153,14 @@ class Cost(msgspec.Struct, frozen=True):
 
 
 class ProjectionMixing(msgspec.Struct, frozen=True):
-    """How well chains mix, by one number that each of their failures has.
+    """How well chains mix, measured by a number that each of their failures has.
 
     Attributes:
-        name: what the number is.
+        name: meaning of the number.
         r_hat: rank-normalized split R-hat; 1 if all chains have the same distribution, at most
             99.
-        effective: bulk effective sample size: number of independent samples whose mean is known as
-            precisely.
+        effective: bulk effective sample size: number of independent samples whose mean would be
+            equally precise.
     """
 
     name: str
@@ -175,14 +174,14 @@ class ChainMixing(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         campaign: id of the campaign.
         chains: number of chains.
-        started: number of chains whose start failed; the others began where these did.
-        moves: number of moves after burn-in that were completed, of all chains.
-        accepted: number of them that failed, which is that of the accepted samples.
+        started: number of chains whose start failed; the others began at such a start.
+        moves: number of completed moves after burn-in, over all chains.
+        accepted: number of moves that failed, which is the number of accepted samples.
         first_sample: index of the first episode after burn-in.
-        draws: number of states of each chain that the projections are of.
-        projections: by projection, those of the largest R-hat first; empty before there are enough
+        draws: number of states of each chain behind the projections.
+        projections: mixing by projection, the largest R-hat first; empty until there are enough
             draws.
-        mixed: whether all of them are within the bounds of `verdict`.
+        mixed: whether all projections are within the bounds of `verdict`.
         verdict: whether the chains have mixed, with the reason, in words.
         remark: what the samples cannot show, in words.
     """

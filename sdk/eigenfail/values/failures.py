@@ -1,4 +1,4 @@
-"""Failures of all campaigns in one list: which of them, and in which order."""
+"""The list of failures of all campaigns: its filters and its order."""
 
 import msgspec
 
@@ -12,10 +12,10 @@ MOST_SEVERE_FIRST = FAILURE_ORDERS[0]
 
 
 class FailureFilter(msgspec.Struct, frozen=True):
-    """The conditions on a failure; None if anything will do.
+    """Conditions on a failure; None for no condition.
 
     Attributes:
-        campaign: what its campaign must be.
+        campaign: conditions on its campaign.
         planner: planner of its campaign.
         besides: methods whose campaigns are left out.
     """
@@ -26,7 +26,7 @@ class FailureFilter(msgspec.Struct, frozen=True):
 
 
 class FailureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Parameters of the list of the failures of all campaigns; None if anything will do.
+    """Parameters of the list of failures of all campaigns; None for no condition.
 
     Attributes:
         project: project of the campaigns.
@@ -46,10 +46,10 @@ class FailureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 def parse_failure_sort(text: str) -> bool:
-    """Return whether an order of failures has the most severe first.
+    """Return whether the order has the most severe failures first.
 
     Raises:
-        UnknownName: failures of all campaigns cannot be sorted by it.
+        UnknownName: the text is not one of `FAILURE_ORDERS`.
     """
     tidy = text.strip()
     if tidy not in FAILURE_ORDERS:

@@ -18,28 +18,28 @@ STATE = (
     "noise_y",  # lateral z of the step before, per 3 sigma
     "progress",  # share of the episode's steps that has passed
 )
-"""What the adversary sees at each step, in the order of its components.
+"""Components of the adversary's state at each step, in order.
 
-Its own last noise is among them since a tracker remembers it, and the tracker is not seen: without
-it, the same action in the same state sometimes fools the planner and sometimes does not.
+The last noise is among them because a tracker remembers it, and the adversary does not see the
+tracker. Without it, the same action in the same state would fool the planner only sometimes.
 """
 
 
 SCENE_STATE = STATE.index("noise_x")
-"""Components of `STATE` before those of the noise."""
+"""Number of components of `STATE` before the components of the noise."""
 
 
 def count_state(channels: int) -> int:
     """Return the number of components of the adversary's state with that many channels of noise.
 
-    They are those of `STATE`, with a component for the last z of each channel in the place of
-    `noise_x` and `noise_y`.
+    The state is `STATE`, with a component for the last z of each channel in place of `noise_x` and
+    `noise_y`.
     """
     return SCENE_STATE + channels + 1
 
 
 class Layer(msgspec.Struct, frozen=True, eq=False):
-    """An affine map: weight of shape (out, in), bias of shape (out,)."""
+    """An affine layer: weight of shape (out, in), bias of shape (out,)."""
 
     weight: Floats
     bias: Floats
@@ -49,12 +49,12 @@ class Policy(msgspec.Struct, frozen=True, eq=False):
     """A squashed Gaussian: z = amplitude · tanh(mean(h) + exp(log_std(h)) · eps), h = ReLU layers.
 
     Attributes:
-        version: counts up within a campaign.
-        hidden: layers with a ReLU behind each.
+        version: number that counts up within a campaign.
+        hidden: layers, each followed by a ReLU.
         mean: output layer for the mean of the action before the squashing.
         log_std: output layer for its log standard deviation, clamped to [-20, 2].
-        amplitude: the largest |z| that the policy can ask for. [sigma]
-        hold: number of steps for which one action stays.
+        amplitude: the largest |z| that the policy can choose. [sigma]
+        hold: number of steps for which the policy keeps an action.
     """
 
     version: int
@@ -69,13 +69,13 @@ class Predecessor(msgspec.Struct, frozen=True, eq=False):
     """The learner of an earlier campaign: its context at the start, and its state at the end.
 
     Attributes:
-        campaign: its id.
-        method: its method, by name.
+        campaign: id of the campaign.
+        method: name of its method.
         settings: the method's settings, as given.
-        seed: seed of its learner's random draws.
-        episodes: its campaign's budget.
-        horizon: the number of steps of its episodes.
-        state: what `Learner.state` last gave.
+        seed: seed of the learner's random draws.
+        episodes: budget of the campaign.
+        horizon: number of steps of its episodes.
+        state: last value of `Learner.state`.
     """
 
     campaign: int
@@ -91,7 +91,7 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
     """The experience from episodes of earlier campaigns: noise and robustness.
 
     Attributes:
-        z: noise trajectories, zero behind an episode's end, shape (n, horizon, channels). [sigma]
+        z: noise trajectories, zero after an episode's end, shape (n, horizon, channels). [sigma]
         steps: number of steps of each episode, shape (n,).
         robustness_m: robustness of each episode, shape (n,).
     """
@@ -102,42 +102,43 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
 
 
 IN_FLIGHT = 1.5
-"""Episodes that are proposed and not yet observed, for each that is to run at a time: those that
-are on their way, and those whose round waits for its slowest episode. With more, `ast` runs
-more episodes of old policies: with 1.75 it found 0.878 times the failures that it finds in two
-rounds of ten, of its first 1000 episodes on `cut_in` with 100 at a time."""
+"""Episodes that are proposed and not yet observed, per episode that is to run at a time. They are
+either under way, or their round waits for its slowest episode. With more, `ast` runs more episodes
+of old policies: with 1.75, it found 0.878 times the failures that it finds in two rounds of ten.
+This was measured on its first 1000 episodes on `cut_in` with 100 at a time."""
 
 MOST_OPEN_ROUNDS = 64
 
 MOST_POLICIES = 2 * MOST_OPEN_ROUNDS
-"""Policy versions that a worker keeps for a campaign: twice as many as can be open, so that an old
-version, which an episode needs when it runs again, does not push out one that is in use."""
+"""Policy versions that a worker keeps for a campaign: twice as many as can be open. An old version,
+which an episode needs when it runs again, then does not displace a version in use."""
 
 
 def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int:
     """Return how many rounds to keep open besides the oldest one.
 
     Args:
-        parallel: episodes that are to run at a time; None if the campaign does not say.
-        round_size: episodes in a round.
-        least: what the method takes by itself.
+        parallel: number of episodes to run at a time; None if the campaign does not set it.
+        round_size: number of episodes in a round.
+        least: number of rounds that the method keeps open by default.
     """
     wanted = ceil(IN_FLIGHT * parallel / round_size) - 1 if parallel else 0
     return max(least, wanted)
 
 
 CHAINS_IN_FLIGHT = 3.0
-"""The same of methods that move chains: results that come late cost them nothing. Simulated with
-`subset`, 20,000 episodes, P = 1e-4 and 100 workers, 0.98 of these were busy with 1.5 and with 3
-where every episode takes 1 s; where they vary by 20 % (log-normal), 0.88 with 1.5, 0.96 with 3."""
+"""As `IN_FLIGHT`, for methods that move chains: late results cost them nothing. In a simulation
+with `subset`, 20,000 episodes, P = 1e-4 and 100 workers, 0.98 of the workers were busy with 1.5 and
+with 3 if every episode takes 1 s. If durations vary by 20 % (log-normal), 0.88 of the workers were
+busy with 1.5, and 0.96 with 3."""
 
 OPEN_GROUPS = 12
-"""Groups of chains, each a round, that are open at a time. With half as many, in groups twice as
-large, more chains wait for the last one of their group; each round costs the service milliseconds,
-which is why there are not more."""
+"""Groups of chains, each a round, that are open at a time. With half as many groups of twice the
+size, more chains wait for the last one of their group. More groups would cost the service too much
+time: each round costs it milliseconds."""
 
 FEWEST_TOGETHER = 5
-"""Chains of a group, for however few workers."""
+"""Smallest number of chains in a group, for any number of workers."""
 
 
 def choose_group_size(parallel: int) -> int:
@@ -146,17 +147,18 @@ def choose_group_size(parallel: int) -> int:
 
 
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
-    """The context that a learner is created with.
+    """The context for creating a learner.
 
     Attributes:
-        seed: seed of its own random draws.
+        seed: seed of the learner's random draws.
         episodes: the campaign's budget.
-        horizon: the number of steps of a full episode.
+        horizon: number of steps of a full episode.
         trajectories: noise trajectories z to start from, shape (n, horizon, channels); n may be 0.
         predecessors: learners of earlier campaigns that the settings name.
         experience: experience of earlier campaigns that the settings name; None if they name none.
-        parallel: episodes that the campaign wants to run at a time; None if it does not say.
-        seeds: seed of the episode that each trajectory comes from, where a replay is to have it.
+        parallel: number of episodes to run at a time; None if the campaign does not set it.
+        seeds: seed of the episode that each trajectory comes from, if its replay is to have the
+            same seed.
     """
 
     seed: int
@@ -170,7 +172,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def channels(self) -> int:
-        """The number of channels of the noise: components of z at each step."""
+        """Number of channels of the noise, which are the components of z at each step."""
         return int(self.trajectories.shape[2])
 
     def make_replays(self) -> list[TrajectorySource]:
@@ -179,15 +181,15 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         return [TrajectorySource(z, seed=s) for z, s in zip(self.trajectories, seeds, strict=True)]
 
     def predecessor(self, campaign: int) -> Predecessor | None:
-        """The learner of that campaign, if it is at hand."""
+        """Return the learner of that campaign; None if it is not among the predecessors."""
         return next((one for one in self.predecessors if one.campaign == campaign), None)
 
 
 class Proposal(msgspec.Struct, frozen=True, eq=False):
-    """A round as a learner wants it.
+    """A round that a learner proposes.
 
     Attributes:
-        sources: one for each episode, in index order.
+        sources: a source for each episode, in index order.
         policy: the policy version that its policy sources name, if it is new.
     """
 
@@ -196,14 +198,15 @@ class Proposal(msgspec.Struct, frozen=True, eq=False):
 
 
 class RoundSizes(msgspec.Struct, frozen=True):
-    """How large the rounds of a method are, as far as its settings and the budget say.
+    """Sizes of a method's rounds, as far as they follow from its settings and the budget.
 
     Attributes:
-        first: episodes of the first one.
-        later: episodes of the largest one after that.
-        setting: name of the setting that makes them smaller.
-        width: episodes that can be open at a time for most of a campaign, however many rounds are:
-            for chains, which wait for their own moves, their number; None if nothing limits it.
+        first: number of episodes of the first round.
+        later: number of episodes of the largest later round.
+        setting: name of the setting that makes rounds smaller.
+        width: number of episodes that can be open at a time for most of a campaign, for any number
+            of open rounds. For chains, which wait for their own moves, it is the number of chains.
+            None if nothing limits it.
     """
 
     first: int
@@ -213,7 +216,7 @@ class RoundSizes(msgspec.Struct, frozen=True):
 
 
 class Round(msgspec.Struct, frozen=True, eq=False):
-    """The episodes that a learner proposed from one state; observed together, in index order."""
+    """Episodes that a learner proposed from one state, and observes together in index order."""
 
     number: int
     tasks: tuple[EpisodeTask, ...]

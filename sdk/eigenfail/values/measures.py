@@ -1,9 +1,9 @@
 """Measures of an episode, each declared once.
 
-Columns of the store, of filters and of exports, tables of the faces, the REST document and the
-tables in docs/measures.md and docs/episodes.md are made from the declarations. A new measure is
-declared in `LaterMeasures`, computed by `eigenfail_workers.measures.recorder.Recorder.measures` and
-stored by a migration.
+The declarations define the columns of the store, filters and exports, the tables of the user
+interfaces, the REST document, and the tables in docs/measures.md and docs/episodes.md. To add a
+measure, declare it in `LaterMeasures`, compute it in
+`eigenfail_workers.measures.recorder.Recorder.measures`, and store it by a migration.
 """
 
 import struct
@@ -21,14 +21,14 @@ FIRST_MEASURES = 4
 DIGESTED_MEASURES = 12
 """Number of measures that a digest covers.
 
-Later ones follow from the same course, but for two: `cause` also has what the planner says of its
-losses of tracks (`TrackingPlanner`), and `peak_braking_mps2` is what the simulator states.
+Later measures follow from the same course, except for two: `cause` also uses the planner's report
+of lost tracks (`TrackingPlanner`), and `peak_braking_mps2` is stated by the simulator.
 """
 
 
 # 1e15² × 1e7 = 1e37, far from the largest double.
 MAX_MAGNITUDE = 1e15
-"""Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
+"""Largest measure or log-probability: sums and squares over ten million episodes stay finite."""
 
 
 class Measure(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,12 +36,12 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         label: name in tables and on pages, without its unit.
-        unit: empty for counts.
+        unit: unit of the values; empty for counts.
         words: description for columns of lists and files, without the unit.
         formula: definition for docs/measures.md.
-        source: where the definition or its threshold comes from; may be empty.
-        event: what happens at this time, for measures that are points in time; else empty.
-        digits: significant digits to show.
+        source: source of the definition or of its threshold; may be empty.
+        event: event at this time, for measures that are points in time; else empty.
+        digits: number of significant digits to show.
         is_count: whether values are whole numbers; read from the type of the field.
         is_text: whether values are texts; read from the type of the field.
     """
@@ -68,10 +68,10 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
-    """The measures behind those of `Measures`; None if a measure does not apply.
+    """The measures that follow the fields of `Measures`; None if a measure does not apply.
 
-    Times are in seconds from the start. Violations are those of the vehicle that was struck or,
-    without a collision, the earliest of any vehicle.
+    Times are in seconds from the start. Violations refer to the vehicle that was struck. Without a
+    collision, they are the earliest violations of any vehicle.
     """
 
     # `Measures` and the rows of lists inherit from this class. Its fields are keyword-only because
@@ -220,8 +220,8 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
 class Measures(LaterMeasures, frozen=True, gc=False):
     """Measures of one episode; formulas and sources are in docs/measures.md.
 
-    Times are in seconds from the start. Violations are those of the vehicle that was struck or,
-    without a collision, the earliest of any vehicle.
+    Times are in seconds from the start. Violations refer to the vehicle that was struck. Without a
+    collision, they are the earliest violations of any vehicle.
     """
 
     robustness_m: Annotated[
@@ -273,14 +273,14 @@ class Measures(LaterMeasures, frozen=True, gc=False):
 
     @property
     def distance_m(self) -> float:
-        """Smallest distance to another vehicle, also where robustness is that of requirements."""
+        """Smallest distance to another vehicle, even if robustness refers to requirements. [m]"""
         return self.robustness_m if self.nearest_m is None else self.nearest_m
 
     def packed(self) -> bytes:
-        """Return the first twelve as little-endian doubles, NaN for None, for a digest.
+        """Return the first twelve measures as little-endian doubles, NaN for None, for a digest.
 
-        Values of None at the end do not count beyond the fourth: results that were stored before
-        there were more than four measures keep their digests.
+        Trailing values of None after the fourth measure are left out: results that were stored when
+        there were only four measures keep their digests.
         """
         numbers = list(msgspec.structs.astuple(self)[:DIGESTED_MEASURES])
         while len(numbers) > FIRST_MEASURES and numbers[-1] is None:

@@ -8,12 +8,12 @@ from eigenfail.values.episode import Outcome
 
 
 class Event(msgspec.Struct, frozen=True):
-    """One line of the event log; ids rise without end.
+    """A line of the event log; ids always increase.
 
     Attributes:
         kind: campaign.created, campaign.state, campaign.progress, analysis.state, episode.alarm …
-        message: one sentence for a person.
-        subject: id of the analysis or of the gate that it is about; null for other kinds.
+        message: description of the event in a sentence.
+        subject: id of the analysis or gate that the event concerns; null for other kinds.
         state: new state of the campaign or the analysis; empty for other kinds.
     """
 
@@ -34,24 +34,24 @@ ACTIVE_S = 60
 
 
 DAY_S = 86_400
-"""The longest time that may be asked for."""
+"""The longest time that a caller may request. [s]"""
 
 
 Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
 
 
 Versions = Annotated[dict[Name, Name], msgspec.Meta(max_length=MOST_VERSIONS)]
-"""By name: of Python, the machine, eigenfail, and every package that a digest depends on."""
+"""Versions by name: Python, the machine, eigenfail, and every package that a digest depends on."""
 
 
 class Arrival(msgspec.Struct, frozen=True, kw_only=True):
-    """A worker that has come to a hub.
+    """Arrival of a worker at a hub.
 
     Attributes:
-        worker: its name, as registered with the hub.
-        host: the machine that it runs on.
-        pid: its process there.
-        versions: versions of what it runs with.
+        worker: name of the worker, as registered with the hub.
+        host: machine that the worker runs on.
+        pid: id of its process on that machine.
+        versions: versions of the software that the worker runs with.
     """
 
     worker: str
@@ -65,9 +65,9 @@ class Presence(Arrival, frozen=True, kw_only=True):
 
     Attributes:
         id: number of the arrival.
-        arrived_ms: when it came; milliseconds since 1970.
-        heard_ms: when its hub last said that it is there, which it does every few seconds.
-        left_ms: time at which the worker left or was given up; null as long as neither is known.
+        arrived_ms: when the worker arrived; milliseconds since 1970.
+        heard_ms: when the hub last reported the worker, which it does every few seconds.
+        left_ms: when the worker left or was given up; null until one of them is known.
     """
 
     id: int
@@ -77,13 +77,14 @@ class Presence(Arrival, frozen=True, kw_only=True):
 
 
 class Staffing(msgspec.Struct, frozen=True, kw_only=True):
-    """How many workers there are, and what the services said last of those that they start.
+    """Number of workers, and the services' latest message on the workers that they start.
 
     Attributes:
         workers: number of connected workers, idle or busy.
-        said: such as that workers were asked of Ray and none was placed yet; empty if nothing.
-        said_ms: when that was; milliseconds since 1970.
-        stranded: what was said of each campaign that no connected worker can run.
+        said: the message, such as that Ray has not yet placed any requested worker; empty without
+            one.
+        said_ms: time of the message; milliseconds since 1970.
+        stranded: event for each campaign that no connected worker can run.
     """
 
     workers: int
@@ -96,12 +97,12 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
     """Results of one worker for one campaign.
 
     Attributes:
-        worker: its name, as registered with the hub.
-        episodes: results of it that were stored.
-        failures: failures among them.
+        worker: name of the worker, as registered with the hub.
+        episodes: number of its stored results.
+        failures: number of failures among them.
         errored: episodes among them that errored.
-        wall_s: time that it spent in them. [s]
-        last_ms: when the last of them was stored; milliseconds since 1970.
+        wall_s: time that the worker spent on them. [s]
+        last_ms: when its last result was stored; milliseconds since 1970.
     """
 
     worker: str
@@ -116,7 +117,7 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Defect(msgspec.Struct, frozen=True):
-    """One thing that is wrong.
+    """A defect in a database.
 
     Attributes:
         where: campaign, episode, job or page.
@@ -130,12 +131,12 @@ class Defect(msgspec.Struct, frozen=True):
 
 
 class Check(msgspec.Struct, frozen=True):
-    """One question to a database.
+    """A check of a database.
 
     Attributes:
-        promise: what holds if there is no defect.
-        defects: how many there are.
-        shown: the first of them.
+        promise: statement that is true without defects.
+        defects: number of defects.
+        shown: the first defects.
     """
 
     name: str
@@ -156,7 +157,7 @@ class Verification(msgspec.Struct, frozen=True):
 
     @property
     def defects(self) -> int:
-        """How many there are in all."""
+        """Number of defects of all checks."""
         return sum(check.defects for check in self.checks)
 
 
@@ -178,34 +179,35 @@ KEEP_EVERY = 100
 
 
 DRAWN_AGAIN: Final = "prior"
-"""The source whose noise follows from an episode's seed, so that nothing is lost with it."""
+"""Source whose noise follows from the episode's seed, so that it can be drawn again."""
 
 
 class Retention(msgspec.Struct, frozen=True):
-    """The part of a campaign that stays: its rows, all failures, and every N-th other episode.
+    """Rule for the data that a campaign keeps: rows, all failures, every N-th safe episode.
 
     Attributes:
-        keep_every: an episode whose index is a multiple of this keeps noise and scene.
-        source: source of the noise: prior, trajectory or policy; that of other episodes stays.
+        keep_every: an episode whose index is a multiple of this number keeps noise and scene.
+        source: source of the noise to remove: prior, trajectory or policy. Episodes with other
+            sources keep their noise.
     """
 
     keep_every: Annotated[int, msgspec.Meta(ge=2)] = KEEP_EVERY
     source: Literal["prior", "trajectory", "policy"] = DRAWN_AGAIN
 
     def takes(self, outcome: Outcome, source: str, index: int) -> bool:
-        """Whether an episode's noise goes: only what ran, and ended in no collision."""
+        """Return whether the rule removes an episode's noise; only safe episodes lose theirs."""
         return outcome is Outcome.SAFE and source == self.source and index % self.keep_every != 0
 
 
 class Weight(msgspec.Struct, frozen=True):
-    """How many episodes have noise that may go, and scenes with it, and how large they are."""
+    """Number of episodes and scenes with removable noise, and the size of this data."""
 
     episodes: int = 0
     scenes: int = 0
     bytes: int = 0
 
     def __add__(self, other: "Weight") -> "Weight":
-        """Both together."""
+        """Return the sum of both."""
         return Weight(
             self.episodes + other.episodes, self.scenes + other.scenes, self.bytes + other.bytes
         )
@@ -216,10 +218,10 @@ class Pruning(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         id: id of the record.
-        retention: rule that says which noise is kept.
-        through: the index up to which it has come; it goes in index order.
-        pruned_ms: when it began, in milliseconds since 1970.
-        who: who gave the command.
+        retention: rule that selects the noise to keep.
+        through: last index processed so far; episodes are processed in index order.
+        pruned_ms: when the removal began, in milliseconds since 1970.
+        who: user who gave the command.
         weight: amount of noise that was removed.
     """
 
@@ -232,12 +234,12 @@ class Pruning(msgspec.Struct, frozen=True, kw_only=True):
     weight: Weight
 
     def took(self, outcome: Outcome, source: str, index: int) -> bool:
-        """Whether an episode has lost its noise to it, if it was still there."""
+        """Return whether an episode that still had its noise has lost it to this command."""
         return index <= self.through and self.retention.takes(outcome, source, index)
 
 
 class PrunedCampaign(msgspec.Struct, frozen=True):
-    """The part of one campaign that went, or would go."""
+    """Data of one campaign that a command removed, or would remove."""
 
     campaign: int
     name: str
@@ -245,14 +247,14 @@ class PrunedCampaign(msgspec.Struct, frozen=True):
 
 
 class PruneReport(msgspec.Struct, frozen=True):
-    """The data that a command took away, or would take away.
+    """Data that a command removed, or would remove.
 
     Attributes:
-        database: its address, without secrets.
-        retention: rule that says which noise is kept.
-        is_rehearsal: nothing was changed.
-        in_use: campaigns that were passed over, or left before their end: one that has not ended
-            needs their noise.
+        database: address of the database, without secrets.
+        retention: rule that selects the noise to keep.
+        is_rehearsal: whether the command only lists data and changes nothing.
+        in_use: campaigns that were skipped, or left before their end, because a campaign that has
+            not ended needs their noise.
     """
 
     database: str
@@ -263,17 +265,17 @@ class PruneReport(msgspec.Struct, frozen=True):
 
     @property
     def weight(self) -> Weight:
-        """Of all campaigns together."""
+        """Amount of data of all campaigns together."""
         return sum((each.weight for each in self.campaigns), Weight())
 
 
 class Vacuumed(msgspec.Struct, frozen=True):
-    """A database whose free room was given back.
+    """A database whose free space was released.
 
     Attributes:
         database: its address, without secrets.
-        bytes_before: its size on the disk.
-        bytes_after: the same afterwards.
+        bytes_before: size on disk before. [bytes]
+        bytes_after: size on disk afterwards. [bytes]
     """
 
     database: str

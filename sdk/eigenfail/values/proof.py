@@ -1,4 +1,4 @@
-"""A proof by replay: what an analysis found, injected again in the same and in other scenarios."""
+"""Proof by replay: the noise of an analysis, injected again in the same and other scenarios."""
 
 from enum import StrEnum
 
@@ -25,13 +25,14 @@ class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         what: kind of noise: eigenfailure or medoid.
         mode: position in `AnalysisResult.modes`, from 0.
-        campaign: the replay's; with `index` its episode.
-        outcome: None while it is not in.
-        steps: number of steps that it lasted.
+        campaign: campaign of the replay; with `index`, its episode.
+        outcome: outcome of the replay; None until it has ended.
+        steps: number of steps of the replay.
         log_probability: log-probability of the noise injected, summed over these steps.
-        log_probability_per_step: the same ÷ steps.
+        log_probability_per_step: `log_probability` ÷ `steps`.
         expected_log_probability: average log-probability of noise of p(x) over the same steps, at
-            the same sigma: how far below it `log_probability` lies is how unlikely the noise is.
+            the same sigma. The further `log_probability` lies below it, the less likely is the
+            noise.
     """
 
     what: ReplayKind
@@ -47,7 +48,7 @@ class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reproduced(self) -> bool:
-        """Whether it failed again."""
+        """True if the replay failed again."""
         return self.outcome is not None and self.outcome.is_failure
 
 
@@ -55,9 +56,11 @@ class Reproduction(msgspec.Struct, frozen=True):
     """Share of replays that failed again.
 
     Attributes:
-        rate: failed again ÷ tried, not a random sample: the count says how many, and the interval
-            means nothing. None before the first result. A replay that errored was not tried.
-        smallest_robustness_m: smallest robustness of those tried; 0 once one has failed again.
+        rate: replays that failed again ÷ replays tried. They are not a random sample, so that only
+            the counts are meaningful, not the interval. None before the first result. An errored
+            replay does not count as tried.
+        smallest_robustness_m: smallest robustness of the replays tried; 0 once a replay has failed
+            again. [m]
     """
 
     rate: Rate | None = None
@@ -68,13 +71,13 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
     """The replays in one scenario.
 
     Attributes:
-        scenario_parameters: parameters that differ from those of the scenario in which the failures
-            happened; none: the same scenario. If the analysed campaign's parameters vary, the
-            scenario of a mode, and of its eigenfailure, is the one that its medoid drew, and there
-            is an entry for each scenario that medoids drew.
+        scenario_parameters: parameters that differ from the scenario of the failures; none: the
+            same scenario. If the analysed campaign's parameters vary, a mode and its eigenfailure
+            have the scenario that the medoid drew. There is then a `ProvenScenario` for each
+            scenario that medoids drew.
         drawn: values that the medoids of its modes drew, for the parameters that vary and are in
             effect.
-        campaign: campaign that replays; `state` is its own.
+        campaign: campaign of the replays; `state` is the state of this campaign.
     """
 
     scenario_parameters: Settings
@@ -87,7 +90,7 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def words(self) -> str:
-        """In what it differs from the one that was analysed, and which draw it is."""
+        """Differences from the analysed scenario, and the values drawn, in words."""
         differs = ", ".join(f"{name} = {value}" for name, value in self.scenario_parameters.items())
         drawn = ", ".join(f"{name} = {_short(value)}" for name, value in self.drawn.items())
         text = differs or "the same"
@@ -95,22 +98,22 @@ class ProvenScenario(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_same(self) -> bool:
-        """Whether it is the scenario in which the failures, or the medoids, were found."""
+        """True if this is the scenario of the failures or medoids."""
         return not self.scenario_parameters
 
 
 def _short(value: object) -> str:
-    """A value that was drawn, with six digits, which are enough to distinguish draws."""
+    """Return a drawn value in words, with six digits, which are enough to distinguish draws."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class NearestFailure(msgspec.Struct, frozen=True):
-    """The failing noise nearest to a mode's centre, on the straight way to its medoid.
+    """The failing noise nearest to a mode's centre, on the straight line to its medoid.
 
     Attributes:
-        t: where it is on the way: 0, the centre itself fails; 1, nothing before the medoid does, as
-            far as it was tried.
-        campaign: with `index` the episode that failed.
+        t: position on the line. 0: the centre itself fails. 1: no tried point before the medoid
+            fails.
+        campaign: with `index`, the episode that failed.
     """
 
     t: float
@@ -119,7 +122,7 @@ class NearestFailure(msgspec.Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """Where it is, in words."""
+        """The position on the line, in words."""
         if self.t == 0.0:
             return "t = 0: the centre itself fails"
         where = f"episode {self.campaign}/{self.index}"
@@ -129,11 +132,11 @@ class NearestFailure(msgspec.Struct, frozen=True):
 
 
 class ProvenMode(msgspec.Struct, frozen=True):
-    """What one mode's two trajectories did, over all scenarios; `mode` counts from 0.
+    """Replays of the two trajectories of a mode, over all scenarios; `mode` counts from 0.
 
     Attributes:
-        nearest: the failing noise nearest to its centre, in the scenario of its failures: what to
-            quote as its eigenfailure. None while that is not known.
+        nearest: the failing noise nearest to the mode's centre, in the scenario of its failures:
+            quote this noise as the eigenfailure. None until it is known.
     """
 
     mode: int
@@ -143,7 +146,7 @@ class ProvenMode(msgspec.Struct, frozen=True):
 
     @property
     def number(self) -> int:
-        """Number of the mode on pages, in tables and in data frames, which count from 1."""
+        """Number of the mode from 1, as on pages, in tables and in data frames."""
         return self.mode + 1
 
 
@@ -152,12 +155,12 @@ class Proof(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         done: whether there are replays, and all have ended.
-        reproduced: the eigenfailures in the same scenario.
+        reproduced: replays of eigenfailures in the same scenario.
         eigenfailures: replays of eigenfailures in all scenarios together; `medoids` likewise.
         searches: campaigns of the method `nearest`, for modes whose centre does not fail.
         unplaced: modes, from 0, whose centre did not fail in the same scenario, and whose nearest
-            failing point is not known. Once the replays have ended, asking for them again searches
-            it.
+            failing point is unknown. Once the replays have ended, request them again to search for
+            this point.
     """
 
     analysis: int
@@ -175,23 +178,23 @@ Account = dict[str, str | float]
 
 
 Path = tuple[tuple[float, float], ...]
-"""Positions of a vehicle's centre (x, y), in the order in which it means to pass them [m]."""
+"""Planned positions of a vehicle's centre (x, y), in order of time [m]."""
 
 
 class ExplainedStep(msgspec.Struct, frozen=True):
     """One step: the planner's account, and the true state.
 
     Attributes:
-        acceleration_mps2: what the planner asked for; steering_rad likewise.
-        account: what it says; empty for a planner that explains nothing.
-        disturbance: a_t / sigma_t of this step, of each channel [sigma].
-        gap_m: gap from the truck's front to the rear bumper of `vehicle` along the road, in truth;
-            None if nobody can say which vehicle the account is about, or it is not there.
-        closing_mps: speed at which this gap closes, in truth.
-        path: where the planner means to drive from here, the present position first; empty for a
-            planner that reports none.
-        vehicle: number of the vehicle that the account is about; None if that is not known.
-        ahead: number of the next vehicle ahead in the truck's path, or entering it, in truth.
+        acceleration_mps2: acceleration that the planner requested; steering_rad likewise.
+        account: the planner's account; empty for a planner without explanations.
+        disturbance: a_t / sigma_t of this step, for each channel [sigma].
+        gap_m: true gap along the road from the truck's front to the rear bumper of `vehicle`; None
+            if the account's vehicle is unknown or absent.
+        closing_mps: true speed at which this gap closes.
+        path: path that the planner intends from here, the present position first; empty for a
+            planner that does not report one.
+        vehicle: number of the vehicle that the account is about; None if unknown.
+        ahead: number of the true next vehicle in the truck's path, or entering it.
     """
 
     time_s: float
@@ -207,14 +210,14 @@ class ExplainedStep(msgspec.Struct, frozen=True):
 
 
 class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
-    """An episode that was run for the sake of its explanation.
+    """An episode that was run to be explained.
 
     Attributes:
-        result: what came of it, as of any episode.
-        steps: steps in which the planner decided; without the true state if the episode errored.
+        result: result of the episode.
+        steps: steps with a decision of the planner; without the true state if the episode errored.
         struck: number of the vehicle that the ego struck; None without a collision.
-        undisturbed: a failure run again without noise, which tells whether noise is its cause;
-            None for an episode that does not fail, and if it could not be run.
+        undisturbed: the same failure run without noise, which shows whether noise is its cause;
+            None if the episode does not fail, or could not be run without noise.
     """
 
     result: EpisodeResult
@@ -224,7 +227,7 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def fails_alike(self) -> bool:
-        """Whether it fails in the same way without noise: noise is then not the cause."""
+        """True if the episode fails in the same way without noise, which is then not the cause."""
         calm = self.undisturbed
         return self.result.is_failure and calm is not None and calm.way_to_fail == self.way_to_fail
 
@@ -239,10 +242,10 @@ class Replayed(msgspec.Struct, frozen=True):
     """A stored result and the result of its replay.
 
     Attributes:
-        differing: the versions under which it was run that are not those of now, where it is not
-            the same; null if they are not known.
-        unsteady: how a second replay differs from the first one, where the stack does not repeat
-            itself; null if they are the same, or there was no second one.
+        differing: versions that have changed since the stored run, if the replay is not the same;
+            null if they are unknown.
+        unsteady: how a second replay differs from the first one, if the stack is not deterministic;
+            null if both are the same, or there was only one.
     """
 
     index: int
@@ -256,18 +259,18 @@ class Replayed(msgspec.Struct, frozen=True):
 
 
 class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
-    """A stored episode, run again and accounted for.
+    """A stored episode, run again and explained.
 
     Attributes:
-        episode: as campaign/index.
-        planner: its name.
-        verdict: whether the replay is the stored episode.
-        note: what must be known about the planner's account; may be empty.
-        steps: steps that were requested; the story covers all steps.
-        story: what happened, a sentence for each thing of note, in the order of time.
-        scene: scene of the replay, where the stored episode kept none and the replay is the same.
-        undisturbed: outcome of a failure that was run again without noise; None for an episode that
-            does not fail, and if it could not be run.
+        episode: address of the episode, as campaign/index.
+        planner: name of the planner.
+        verdict: whether the replay is the same as the stored episode, in words.
+        note: remark on the planner's account; may be empty.
+        steps: the requested steps; the story covers all steps.
+        story: the course of the episode, a sentence for each notable event, in order of time.
+        scene: scene of the replay, if the stored episode kept none and the replay is the same.
+        undisturbed: outcome of the same failure without noise; None if the episode does not fail,
+            or could not be run without noise.
     """
 
     episode: str

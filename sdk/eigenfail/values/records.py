@@ -19,9 +19,10 @@ NEAR_MISS_TTC_S = 1.5
 class ConflictClass(StrEnum):
     """Conflict class of an episode.
 
-    `unavoidable`: a collision that peak braking could not avoid once it showed, or that never
-    showed before the contact. `planner_failure`: a collision that was not shown to be
-    unavoidable. `near_miss`: MinTTC < 1.5 s without a collision. `none`: nothing of these.
+    `unavoidable`: a collision that peak braking could not avoid once MinTTC was violated, or
+    without such a violation before the contact. `planner_failure`: any other collision, which was
+    not shown to be unavoidable. `near_miss`: MinTTC < 1.5 s without a collision. `none`: anything
+    else.
     """
 
     UNAVOIDABLE = "unavoidable"
@@ -39,20 +40,21 @@ IN_WORDS = {
 
 
 UNRESOLVED = "unresolved at the horizon"
-"""Beside the class of an episode that ended too early to be called safe."""
+"""Added to the class of an episode that ended too early to be called safe."""
 
 
 class Assessment(msgspec.Struct, frozen=True):
-    """The class of an episode.
+    """Conflict class and lead times of an episode.
 
     Attributes:
-        conflict: its class; None if it was not run, or ended in a collision that was stored
-            before there were classes.
-        ttc_lead_s: time from the first violation of MinTTC to the collision [s]; None without
-            either.
-        drac_lead_s: the same for DRAC.
-        unresolved: whether it ended at its horizon while braking could not avoid a collision any
-            more.
+        conflict: conflict class; None if the episode was not run, or ended in a collision that was
+            stored before there were classes.
+        ttc_lead_s: time from the first violation of MinTTC to the collision [s]; None if either is
+            missing.
+        drac_lead_s: time from the first violation of DRAC to the collision [s]; None if either is
+            missing.
+        unresolved: whether the episode ended at its horizon when braking could no longer avoid a
+            collision.
     """
 
     conflict: ConflictClass | None = None
@@ -78,11 +80,11 @@ class Assessment(msgspec.Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """The class in words; empty if there is none."""
+        """The class in words, with a remark if the episode is unresolved; empty without a class."""
         return self.beside(IN_WORDS[self.conflict] if self.conflict else "")
 
     def beside(self, words: str) -> str:
-        """Words on the episode, and whether it was unresolved at the horizon."""
+        """Return the words, with a remark if the episode was unresolved at the horizon."""
         return ", ".join(filter(None, (words, UNRESOLVED if self.unresolved else "")))
 
 
@@ -93,9 +95,9 @@ LEAD_TIMES = read_declarations(Assessment)
 def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     """Classify an episode.
 
-    A collision is judged by DRAC at the first violation of MinTTC by the vehicle struck, not by
-    its maximum: DRAC = v² / (2 · gap) tends to infinity at contact, so that every collision would
-    be called unavoidable.
+    A collision is judged by DRAC at the first violation of MinTTC by the vehicle struck, not by the
+    maximum of DRAC. DRAC = v² / (2 · gap) tends to infinity at contact, so that the maximum would
+    make every collision unavoidable.
     """
     # An errored episode is counted as such, and not as unresolved besides.
     if measures is None or outcome is Outcome.ERRORED:
@@ -114,11 +116,11 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
 
 
 def is_unresolved(measures: Measures) -> bool:
-    """Whether an episode without a collision ended while braking could not avoid one any more.
+    """Return whether a collision-free episode ended when braking could no longer avoid a collision.
 
-    At a closing speed v and a gap g, constant braking avoids the crash if v² / (2 · g), which is
-    DRAC (FHWA-RD-03-050), is at most what the ego's brakes can do: 7.0 m/s² where the simulator
-    does not state it. Others are taken to keep their velocities.
+    At a closing speed v and a gap g, constant braking avoids the crash if DRAC = v² / (2 · g)
+    (FHWA-RD-03-050) is at most the ego's peak braking. Peak braking is 7.0 m/s² if the
+    simulator does not state it. Other vehicles are assumed to keep their velocities.
     """
     return not _can_brake(measures, measures.final_drac_mps2 or 0.0)
 
@@ -153,10 +155,10 @@ class Delivery(msgspec.Struct, frozen=True, eq=False):
 class Verdict(StrEnum):
     """The fate of a delivered result.
 
-    `kept`: it is the episode's one result. `duplicate`: the episode has the same result already.
-    `alarm`: the episode has another result: something is not deterministic. `unwanted`: it was not
-    stored, because the campaign has ended, was removed or is of another service, or because its
-    seed, steps or shapes are not those of the campaign.
+    `kept`: it is the episode's only result. `duplicate`: the episode already has the same result.
+    `alarm`: the episode already has a different result: something is not deterministic. `unwanted`:
+    it was not stored. The campaign has ended, was removed or belongs to another service, or the
+    result's seed, steps or shapes do not fit the campaign.
     """
 
     KEPT = "kept"
@@ -187,12 +189,12 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
 
     Attributes:
         log_probability: sum of log p(a_t) until the episode ended.
-        assessed: what outcome and measures say together.
+        assessed: assessment of the episode from outcome and measures.
         problem: why it errored, as "kind: message"; empty unless the outcome is `failed`.
-        noise_pruned_ms: when its noise and scene were taken away; None if they are kept.
+        noise_pruned_ms: when its noise and scene were removed; None if they are kept.
         requirements: robustness of each requirement that its campaign names, in their order.
-        mode: number of its failure mode in the newest analysis of its campaign that is done, from
-            1; None of an episode that was not analysed.
+        mode: number of its failure mode, from 1, in the newest finished analysis of its campaign;
+            None if the episode was not analysed.
     """
 
     wall_s: float
@@ -211,7 +213,7 @@ class EpisodeDetail(Shown, EpisodeResult, frozen=True, eq=False, kw_only=True):
 
     Attributes:
         channels: names of the channels of the noise, in the order of the columns of z.
-        likelihoods: how likely the noise of each channel was; none of an episode without a step.
+        likelihoods: how likely the noise of each channel was; empty for an episode without a step.
         campaign: id of its campaign; None if an older service does not report it.
     """
 
@@ -225,11 +227,11 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     """Counts and sums over the episodes of a campaign by conflict class; see `assess`.
 
     Attributes:
-        unclassified: collisions of which too little was measured to class them.
-        allowed: collisions that no requirement forbids; they are no failures, and in no class.
-        ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
-        drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
-        unresolved: episodes that ended while braking could not avoid a collision any more.
+        unclassified: collisions with too few measurements for a class.
+        allowed: collisions that no requirement forbids; they are not failures, and not in a class.
+        ttc_lead_s: sum of the `ttc_leads` lead times of MinTTC.
+        drac_lead_s: sum of the `drac_leads` lead times of DRAC.
+        unresolved: episodes that ended when braking could no longer avoid a collision.
     """
 
     unavoidable: int = 0
@@ -245,7 +247,7 @@ class ConflictTotals(msgspec.Struct, frozen=True):
 
     @property
     def collisions(self) -> int:
-        """Failures by collision, of any class; other failures are violations without one."""
+        """Number of failures by collision, of any class; all other failures are violations."""
         return self.unavoidable + self.planner_failures + self.unclassified
 
 
@@ -254,9 +256,9 @@ class FrequentFault(msgspec.Struct, frozen=True):
 
     Attributes:
         kind: infrastructure, simulator, planner, solver or input.
-        message: the reason itself; of equally frequent ones that of the earliest episode.
+        message: the reason; among equally frequent reasons, the reason of the earliest episode.
         episodes: number of episodes with this reason.
-        first: index of the first of them.
+        first: index of the first episode with this reason.
     """
 
     kind: str
@@ -266,13 +268,13 @@ class FrequentFault(msgspec.Struct, frozen=True):
 
 
 class Totals(msgspec.Struct, frozen=True):
-    """Sums over the failures of a campaign, from which its summary is made.
+    """Sums over the failures of a campaign, for its summary.
 
     Attributes:
-        severity: None if no failure has one.
-        conflicts: over all completed episodes.
-        fault: fault of the errored episodes; None if none errored.
-        first_failure: smallest index of a collision; None without one.
+        severity: sum of severities; None if no failure has a severity.
+        conflicts: totals by conflict class over all completed episodes.
+        fault: most frequent fault of the errored episodes; None if none errored.
+        first_failure: smallest index of a failure; None without one.
     """
 
     failures: int
@@ -285,16 +287,16 @@ class Totals(msgspec.Struct, frozen=True):
 
 
 PORTION = 2_000
-"""How many failures are read at a time at most."""
+"""Maximum number of failures that are read at a time."""
 
 
 class Failures(msgspec.Struct, frozen=True, eq=False):
     """The noise of failures of a campaign.
 
     Attributes:
-        indices: the episodes, in index order.
-        noise: z of each, shape (steps of the episode, channels). [sigma]
-        seeds: seed of each; empty if they do not matter.
+        indices: indices of the episodes, in order.
+        noise: z of each episode, shape (steps of the episode, channels). [sigma]
+        seeds: seed of each episode; empty if they do not matter.
     """
 
     indices: tuple[int, ...]
@@ -306,12 +308,12 @@ class FailureCourse(msgspec.Struct, frozen=True, eq=False):
     """The speed of the ego over a failure, and where all vehicles were at its end.
 
     Attributes:
-        index: the episode.
+        index: index of the episode.
         dt_s: duration of a step.
         speed_mps: speed of the ego at the start and after each step, shape (steps + 1,).
         end: x [m], y [m], heading [rad] and speed [m/s] of all vehicles before and after the last
             step, shape (2, vehicles, 4), or (1, vehicles, 4) without a step; vehicle 0 is the ego.
-            NaN while a vehicle is not there. None if they are not known.
+            NaN while a vehicle is absent. None if the states are unknown.
         sizes: length and width [m] of all vehicles, shape (vehicles, 2); None without `end`.
     """
 
@@ -323,19 +325,19 @@ class FailureCourse(msgspec.Struct, frozen=True, eq=False):
 
 
 def make_failure_course(index: int, dt_s: float, vehicles: Floats, sizes: Floats) -> FailureCourse:
-    """Return the course of a failure from parts of its `Scene`, which need not be kept for it."""
+    """Return the course of a failure from parts of its `Scene`, which can then be dropped."""
     return FailureCourse(index, dt_s, vehicles[:, 0, 3].copy(), vehicles[-2:].copy(), sizes)
 
 
 class JobKind(StrEnum):
-    """The subject of a job; its subject is an id of that kind."""
+    """Kind of a job: its subject is the id of a campaign or of an analysis."""
 
     CAMPAIGN = "campaign"
     ANALYSIS = "analysis"
 
 
 class Job(msgspec.Struct, frozen=True):
-    """A claimed piece of work; the token proves the claim."""
+    """A claimed job; the token proves the claim."""
 
     id: int
     kind: JobKind
@@ -348,7 +350,7 @@ Item = TypeVar("Item")
 
 
 class Page(msgspec.Struct, Generic[Item], frozen=True):
-    """Some items, and the cursor that asks for those behind them (None at the end).
+    """A page of items, and the cursor of the next page (None at the end).
 
     Attributes:
         total: number of items that match the request, on all pages together; absent if the

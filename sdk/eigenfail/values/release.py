@@ -1,4 +1,4 @@
-"""Releases: the versions of a planner in one scenario, and what became of each failure mode."""
+"""Releases: the versions of a planner in one scenario, and the fate of each failure mode."""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -14,11 +14,12 @@ from eigenfail.values.triage import TriageState
 class ModeStatus(StrEnum):
     """The fate of a failure mode in a version of a planner.
 
-    `FIRST_SEEN`: it has failures, and no earlier version has one. `STILL_THERE`: it has failures,
-    as before. `NOT_FOUND_AGAIN`: earlier versions have failures of it, and in a random sample this
-    one has none. `NOT_MET`: a search with this version has none, which does not prove that the mode
-    is gone. `REGRESSED`: it has failures again. `UNDECIDED`: so few failures or episodes may differ
-    by chance, or an earlier version with the same code and settings says otherwise.
+    `FIRST_SEEN`: the mode has failures here, but not in earlier versions. `STILL_THERE`: it has
+    failures, as before. `NOT_FOUND_AGAIN`: earlier versions have failures of the mode, but a random
+    sample of this version does not. `NOT_MET`: a search with this version did not find failures of
+    it, which does not prove that the mode is gone. `REGRESSED`: it has failures again. `UNDECIDED`:
+    so few failures or episodes may differ by chance, or an earlier version with the same code and
+    settings contradicts.
     """
 
     FIRST_SEEN = "first seen"
@@ -34,13 +35,13 @@ class ModeSighting(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         version: the version.
-        status: what became of the mode; None in versions before the one that it was found in.
-        failures: number of failures that belong to it.
+        status: fate of the mode; None in versions before its first failure.
+        failures: number of failures in the mode.
         chance: probability that versions without a difference differ at least so much, for all
             modes that are compared together; None if nothing is compared.
-        analysis: id of the analysis that has most of these failures; None without failures.
+        analysis: id of the analysis with most of the mode's failures; None without failures.
         mode: number of the mode in that analysis; None without failures.
-        words: why the status is what it is, in a sentence.
+        words: reason for the status, in a sentence.
     """
 
     version: str
@@ -53,7 +54,7 @@ class ModeSighting(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_baseline(self) -> bool:
-        """Whether the version is the first one compared, in which no mode can be new."""
+        """True if the version is the first one compared, so that its modes cannot be new."""
         return self.status is ModeStatus.FIRST_SEEN and self.chance is None
 
 
@@ -64,7 +65,7 @@ class ReleaseMode(msgspec.Struct, frozen=True, kw_only=True):
         number: its number among the modes of all versions, from 1.
         name: name of the mode in the newest version that has failures of it; with analysis and mode
             if several modes have this name.
-        sightings: what became of it, by version, oldest first.
+        sightings: fate of the mode by version, oldest first.
         state: state of the triage of the mode in that version.
     """
 
@@ -76,25 +77,25 @@ class ReleaseMode(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def newest(self) -> ModeSighting:
-        """Its fate in the newest version."""
+        """The mode's fate in the newest version."""
         return self.sightings[-1]
 
 
 class Release(msgspec.Struct, frozen=True, kw_only=True):
-    """The campaigns of a version of a planner that ask the same question.
+    """The campaigns of a version of a planner with the same question.
 
     Attributes:
         version: the version.
         campaigns: ids of the campaigns, oldest first.
         episodes: number of their completed episodes.
-        failures: number of the failures among these.
-        analysed: number of the failures that belong to a mode of an analysis.
+        failures: number of failures among them.
+        analysed: number of failures that belong to a mode of an analysis.
         is_random: whether episodes were drawn from p(x), so that numbers of failures can be
             compared.
-        is_distinct: whether all analyses found distinct modes; where one did not, its groups cannot
-            be told from chance.
-        fingerprints: the code that ran the episodes, as SHA-256 by package; several where the
-            campaigns of this version did not have the same code.
+        is_distinct: whether all analyses found distinct modes. If an analysis did not, its groups
+            cannot be distinguished from chance.
+        fingerprints: the code that ran the episodes, as SHA-256 by package; several if campaigns
+            of this version had different code.
         problem: why its failure modes are not compared; empty if they are.
     """
 
@@ -110,13 +111,13 @@ class Release(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
-    """A scenario in which versions of a planner were tested.
+    """A question that versions of a planner were tested with: scenario, requirements and method.
 
     Attributes:
-        campaign: id of the newest campaign, which stands for the question.
+        campaign: id of the newest campaign, which represents the question.
         planner: name of the planner.
         scenario: name of the scenario.
-        requirements: what an episode must satisfy, in words.
+        requirements: conditions that an episode must satisfy, in words.
         method: name of the search method.
         versions: the versions, in the order of their first campaigns.
         campaigns: number of campaigns.
@@ -145,8 +146,8 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         question: planner, scenario, requirements and method, which all versions share.
         releases: the versions, in the order of their first campaigns.
-        modes: the failure modes, in the order in which they were found.
-        notes: what limits the comparison, in sentences.
+        modes: the failure modes, in the order of their discovery.
+        notes: limits of the comparison, in sentences.
     """
 
     question: ReleaseQuestion
@@ -155,7 +156,7 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...] = ()
 
     def compare(self, before: str, now: str) -> Iterator[ModeChange]:
-        """Yield the failure modes of two versions: those of which either has failures."""
+        """Yield the failure modes with failures in either of two versions."""
         places = [each.version for each in self.releases]
         old, new = places.index(before), places.index(now)
         for mode in self.modes:
@@ -165,12 +166,12 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_tested(self) -> bool:
-        """Whether numbers of failures of any mode were compared by a test."""
+        """True if a test compared the numbers of failures of at least one mode."""
         return any(one.chance is not None for each in self.modes for one in each.sightings)
 
     @property
     def title(self) -> str:
-        """The heading of its modes, which are groups if no version has distinct ones."""
+        """Heading of the modes; they are called groups if no version has distinct modes."""
         analysed = [each for each in self.releases if each.analysed]
         has_modes = not analysed or any(each.is_distinct for each in analysed)
         return "Failure modes" if has_modes else "Groups of failures"

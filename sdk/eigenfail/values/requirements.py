@@ -1,8 +1,8 @@
-"""Requirements: what a drive must satisfy, and how robustly it does.
+"""Requirements: conditions that a drive must satisfy, and their robustness.
 
-A requirement is a frozen struct that TOML and JSON name by its `kind`. It gives a robustness to the
-course of an episode: above 0 if the episode satisfies it, 0 or below where it violates it. A
-campaign has a list of them, the most important first; one that names none requires no collision.
+A requirement is a frozen struct that TOML and JSON name by its `kind`. It gives the course of an
+episode a robustness: above 0 if the episode satisfies it, 0 or below if the episode violates it. A
+campaign has a list of requirements, the most important first. The default is `no_collision`.
 """
 
 from abc import abstractmethod
@@ -21,7 +21,7 @@ from eigenfail.values.signals import NEVER_S, DrivenCourse, ExpectedCourse
 MOST_REQUIREMENTS: Final = 20
 
 LARGEST: Final = 1e6
-"""A robustness beyond this is as good as this: it stays finite in sums, messages and databases."""
+"""Bound of every robustness, so that it stays finite in sums, messages and databases."""
 
 FIELD: Final = "requirements"
 
@@ -37,7 +37,7 @@ class Requirement(
     Attributes:
         name: name in tables and filters; its kind if none is given.
         scale: robustness that counts as much as a metre of distance to other vehicles, in the unit
-            of this requirement: searches follow the smallest of robustness ÷ scale.
+            of this requirement. Searches use the smallest robustness ÷ scale.
     """
 
     name: Name = ""
@@ -45,34 +45,35 @@ class Requirement(
 
     @property
     def kind(self) -> str:
-        """Its name in TOML and JSON."""
+        """Name of the kind in TOML and JSON."""
         return str(self.__struct_config__.tag)
 
     @property
     def label(self) -> str:
-        """Its name, or its kind."""
+        """The name, or the kind if the name is empty."""
         return self.name or self.kind
 
     @property
     @abstractmethod
     def unit(self) -> str:
-        """Unit of its robustness; empty for none."""
+        """Unit of the robustness; empty for none."""
 
     @property
     def signals(self) -> frozenset[str]:
-        """Names of the signals that it is judged from."""
+        """Names of the signals that the requirement uses."""
         return frozenset()
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
         """Refuse a requirement that cannot be judged.
 
         Args:
-            expected: what the episodes of the campaign will show.
-            field: where the requirement stands, for the error.
+            expected: signals that the episodes of the campaign will have.
+            field: path of the requirement, for the error.
 
         Raises:
-            UnknownName: a signal or measure that does not exist, with those that do.
-            InvalidValue: its fields do not fit each other, or its signals are not told.
+            UnknownName: a signal or measure does not exist; the error lists the known ones.
+            InvalidValue: its fields do not fit each other, or the simulator does not report its
+                signals.
         """
         if lacking := sorted(self.signals.difference(expected.signals)):
             problem = f"needs the signal {lacking[0]}, which this simulator does not tell."
@@ -82,19 +83,19 @@ class Requirement(
     def find_robustness(self, course: DrivenCourse) -> float | None:
         """Return the robustness of a course, in the unit of the requirement.
 
-        None if the course ended before what is required could be judged.
+        None if the course ended before the requirement could be judged.
 
         Raises:
-            SimulatorError: the simulator does not report what it is judged from.
+            SimulatorError: the simulator does not report the necessary signals or measures.
         """
 
     @abstractmethod
     def in_words(self) -> str:
-        """What it requires, as people read it."""
+        """Return the requirement in words."""
 
 
 class NoCollision(Requirement, frozen=True, tag="no_collision"):
-    """The ego touches no other vehicle. Robustness: the smallest distance of footprints. [m]"""
+    """The ego does not touch another vehicle. Robustness: smallest distance of footprints. [m]"""
 
     unit: ClassVar[str] = "m"
 
@@ -103,18 +104,18 @@ class NoCollision(Requirement, frozen=True, tag="no_collision"):
         return course.measures.robustness_m
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return "no collision"
 
 
 class PreventableCollision(Requirement, frozen=True, tag="r157_cut_in"):
-    """No collision that UN Regulation No. 157 holds to be preventable (paragraph 5.2.5.2 c).
+    """No collision that is preventable by UN Regulation No. 157 (paragraph 5.2.5.2 c).
 
-    The system shall avoid a collision with a vehicle that cuts in, where its time to collision, as
-    it is 0.3 m inside the lane, exceeds v_rel / (2 · 6 m/s²) + 0.35 s. Vehicles that cut in later
-    than that do not count while they stay in the lane; all others do. That the lateral movement was
-    visible for 0.72 s, and that the vehicle keeps its speed (5.2.5.2 a and b), is taken to be so.
-    Robustness: the smallest distance to the vehicles that count. [m]
+    The time to collision counts when a vehicle that cuts in is 0.3 m inside the lane. If it then
+    exceeds v_rel / (2 · 6 m/s²) + 0.35 s, the system shall avoid a collision. A vehicle that cuts
+    in later does not count while it stays in the lane; all other vehicles count. Two conditions of
+    5.2.5.2 a and b are assumed: the lateral movement was visible for 0.72 s, and the vehicle keeps
+    its speed. Robustness: the smallest distance to the vehicles that count. [m]
     """
 
     unit: ClassVar[str] = "m"
@@ -125,23 +126,24 @@ class PreventableCollision(Requirement, frozen=True, tag="r157_cut_in"):
         return float(course.signals["preventable_distance_m"].min())
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return "no collision that was preventable by UN R157 (5.2.5.2)"
 
 
 class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
     """The ego keeps the safe longitudinal distance of responsibility-sensitive safety (RSS).
 
-    d = v_r ρ + a ρ² / 2 + (v_r + ρ a)² / (2 b) - v_f² / (2 B), at least 0 (Shalev-Shwartz, Shammah
-    and Shashua, On a Formal Model of Safe and Scalable Self-driving Cars, 2017, definition 1), with
-    v_r the speed of the ego, v_f that of the vehicle ahead. The distance that a vehicle takes away
-    by cutting in counts as well: nobody is blamed here. Robustness: the smallest gap minus d. [m]
+    d = v_r ρ + a ρ² / 2 + (v_r + ρ a)² / (2 b) - v_f² / (2 B), at least 0. v_r is the speed of the
+    ego, and v_f the speed of the vehicle ahead. Source: Shalev-Shwartz, Shammah and Shashua, On a
+    Formal Model of Safe and Scalable Self-driving Cars, 2017, definition 1. A vehicle that cuts in
+    too closely counts as a violation, too: the requirement does not assign blame. Robustness: the
+    smallest gap minus d. [m]
 
     Attributes:
         response_s: ρ, the time until the ego responds.
-        accelerate_mps2: a, the most that it accelerates until then.
-        brake_mps2: b, the least that it brakes by then.
-        brake_ahead_mps2: B, the most that the vehicle ahead brakes by.
+        accelerate_mps2: a, the largest acceleration of the ego during the response time.
+        brake_mps2: b, the smallest braking of the ego after the response time.
+        brake_ahead_mps2: B, the largest braking of the vehicle ahead.
     """
 
     response_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
@@ -164,7 +166,7 @@ class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
         return float((course.signals["gap_m"] - safe_m).min())
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return (
             f"gap above the RSS distance (response {self.response_s:g} s, acceleration "
             f"{self.accelerate_mps2:g} m/s², braking {self.brake_mps2:g} m/s², ahead "
@@ -179,7 +181,7 @@ class TimeHeadway(Requirement, frozen=True, tag="time_headway"):
 
     Attributes:
         at_least_s: the limit. The default is half of the 1.6 s that UN R157 (5.2.3.3) demands at 60
-            km/h: vehicles that cut in take away a part.
+            km/h, because vehicles that cut in reduce the headway.
     """
 
     scale: Scale = 0.1
@@ -193,23 +195,24 @@ class TimeHeadway(Requirement, frozen=True, tag="time_headway"):
         return float(course.signals["headway_s"].min()) - self.at_least_s
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return f"time headway above {self.at_least_s:g} s"
 
 
 class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
-    """The ego does not brake hard without cause, as it does for a vehicle that is not there.
+    """The ego does not brake hard without cause, such as for a vehicle that does not exist.
 
-    A cause is a true vehicle ahead to which the time to collision is below `cause_ttc_s`, or the
-    headway below `cause_headway_s`, in the step or within `memory_s` before it. Robustness: the
-    smallest acceleration over the steps without a cause, plus `hard_mps2`. [m/s²]
+    A cause is a true vehicle ahead with a time to collision below `cause_ttc_s` or a headway below
+    `cause_headway_s`, in the step or within `memory_s` before it. Robustness: the smallest
+    acceleration over the steps without a cause, at most 0, plus `hard_mps2`. [m/s²]
 
     Attributes:
-        hard_mps2: braking by this or more is hard; the measure `hard_brakings` counts what is above
+        hard_mps2: braking by this or more is hard; the measure `hard_brakings` counts braking above
             3 m/s².
-        cause_ttc_s: own choice: far above the 1.5 s of a near miss.
-        cause_headway_s: own choice.
-        memory_s: own choice: how long a planner may go on braking once the cause is gone.
+        cause_ttc_s: largest time to collision of a cause; own choice, far above the 1.5 s of a near
+            miss.
+        cause_headway_s: largest headway of a cause; own choice.
+        memory_s: time for which a planner may go on braking once the cause is gone; own choice.
     """
 
     scale: Scale = 0.3
@@ -222,7 +225,7 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
     signals: ClassVar[frozenset[str]] = frozenset({"acceleration_mps2", "ttc_ahead_s", "headway_s"})
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
-        """Have the memory be a number of steps."""
+        """Refuse, in addition, a memory that is not a whole number of steps."""
         super().check(expected, field)
         steps = self.memory_s / expected.dt_s
         if not isclose(steps, round(steps), abs_tol=1e-6):
@@ -231,7 +234,7 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
             raise InvalidValue(f"{field}.memory_s", problem, remedy)
 
     def find_robustness(self, course: DrivenCourse) -> float:
-        """Return how far the hardest braking without a cause is from hard braking."""
+        """Return the margin between the hardest braking without a cause and hard braking."""
         signals = course.signals
         caused = signals["ttc_ahead_s"] < self.cause_ttc_s
         caused |= signals["headway_s"] < self.cause_headway_s
@@ -244,7 +247,7 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
         return float(braking.min()) + self.hard_mps2
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return (
             f"no braking by {self.hard_mps2:g} m/s² or more without a vehicle ahead: time to "
             f"collision below {self.cause_ttc_s:g} s or headway below {self.cause_headway_s:g} s, "
@@ -255,11 +258,11 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
 class KeptLane(Requirement, frozen=True, tag="lane_keeping"):
     """The footprint of the ego stays within the lane that it is nearest to.
 
-    For scenarios in which it needs no lane change. Robustness: the smallest distance from the
-    footprint to the border of the lane, plus what it may be beyond it. [m]
+    Use it for scenarios without a necessary lane change. Robustness: the smallest distance from the
+    footprint to the border of the lane, plus `beyond_m`. [m]
 
     Attributes:
-        beyond_m: how far the footprint may be beyond the border.
+        beyond_m: maximum distance of the footprint beyond the border.
     """
 
     scale: Scale = 0.1
@@ -269,11 +272,11 @@ class KeptLane(Requirement, frozen=True, tag="lane_keeping"):
     signals: ClassVar[frozenset[str]] = frozenset({"lane_margin_m"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
-        """Return the smallest distance from the border that is allowed."""
+        """Return the smallest distance to the border, plus the allowed excess."""
         return float(course.signals["lane_margin_m"].min()) + self.beyond_m
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return f"no more than {self.beyond_m:g} m out of the lane"
 
 
@@ -283,7 +286,7 @@ NO_VALUE: Mapping[str, float] = {
     "max_drac_mps2": 0.0,
     "final_drac_mps2": 0.0,
 }
-"""What a measure counts as where an episode has none, of the measures that may have none."""
+"""Substitutes for missing values, for the measures that an episode may lack."""
 
 REPORTED = frozenset({"robustness_m", "max_jerk_mps3", "hard_brakings", "clipped_steps"})
 """Measures that every episode has, if the simulator reports the control that was applied."""
@@ -292,12 +295,13 @@ REPORTED = frozenset({"robustness_m", "max_jerk_mps3", "hard_brakings", "clipped
 class MeasureLimit(Requirement, frozen=True, tag="measure"):
     """A measure of the episode stays within limits. Robustness: distance from the nearer limit.
 
-    At a limit itself it is violated; but a count may reach it, and has a robustness of 0.5 there.
+    A value at a limit violates the requirement. A count may reach the limit, and has a robustness
+    of 0.5 there.
 
     Attributes:
         measure: name of the measure.
-        at_least: the smallest value that is allowed.
-        at_most: the largest value that is allowed.
+        at_least: lower limit.
+        at_most: upper limit.
     """
 
     measure: str
@@ -306,11 +310,11 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
 
     @property
     def unit(self) -> str:
-        """That of the measure."""
+        """Unit of the measure."""
         return MEASURES[self.measure].unit
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
-        """Look for the measure, and for a limit."""
+        """Refuse, in addition, an unknown measure, and missing or contradictory limits."""
         super().check(expected, field)
         allowed = sorted(NO_VALUE.keys() | REPORTED)
         if self.measure not in allowed:
@@ -342,7 +346,7 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         return min(above, below) + (0.5 if MEASURES[self.measure].is_count else 0.0)
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         counts = MEASURES[self.measure].is_count
         sides = ("at least", "at most") if counts else ("above", "below")
         limits = zip(sides, (self.at_least, self.at_most), strict=True)
@@ -355,7 +359,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
     """A formula of signal temporal logic over signals; see `values.temporal_logic`.
 
     Attributes:
-        formula: its text, such as `always (headway_s > 0.5)`.
+        formula: text of the formula, such as `always (headway_s > 0.5)`.
     """
 
     formula: Annotated[str, msgspec.Meta(min_length=1)]
@@ -364,11 +368,11 @@ class Formula(Requirement, frozen=True, tag="formula"):
 
     @property
     def signals(self) -> frozenset[str]:
-        """Those that the formula names."""
+        """Names of the signals in the formula."""
         return temporal_logic.list_names(temporal_logic.parse_formula(self.formula))
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
-        """Have the formula read."""
+        """Refuse a formula that cannot be judged."""
         temporal_logic.check_formula(self.formula, *expected, f"{field}.formula")
 
     def find_robustness(self, course: DrivenCourse) -> float | None:
@@ -381,7 +385,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
         return temporal_logic.evaluate_formula(self.formula, course.dt_s, course.signals)
 
     def in_words(self) -> str:
-        """Return what it requires."""
+        """Return the requirement in words."""
         return self.formula
 
 
@@ -408,8 +412,8 @@ def check_requirements(requirements: Sequence[AnyRequirement], expected: Expecte
     """Refuse requirements that cannot be judged.
 
     Raises:
-        UnknownName: a signal or measure that does not exist, with those that do.
-        InvalidValue: one is not complete, or has the name of another one.
+        UnknownName: a signal or measure does not exist; the error lists the known ones.
+        InvalidValue: a requirement is invalid, or has the name of another one.
     """
     # Tables and filters name a requirement by its label.
     labels = [each.label for each in requirements]
@@ -425,11 +429,12 @@ class RequirementVerdict(NamedTuple):
     """The verdict of a campaign's requirements on an episode.
 
     Attributes:
-        values: robustness of each requirement, in its unit; None of one that is not judged.
-        smallest: smallest of robustness ÷ scale, or what the importance makes of a safe episode; 0
-            if a requirement is violated; if nothing is judged, 1 m more than the smallest
-            distance to another vehicle, which is not a statement on a requirement.
-        violated: place of the first requirement that is violated, from 0; None if none is.
+        values: robustness of each requirement, in its unit; None for a requirement that is not
+            judged.
+        smallest: the smallest robustness ÷ scale; for a safe episode, the value of the importance
+            if there is one. 0 if a requirement is violated. If nothing is judged, 1 m more than the
+            smallest distance to another vehicle, which is not a statement on a requirement.
+        violated: place of the first violated requirement, from 0; None if none is violated.
     """
 
     values: tuple[float | None, ...]
@@ -438,11 +443,12 @@ class RequirementVerdict(NamedTuple):
 
 
 class EpisodeJudge(NamedTuple):
-    """Judges the episodes of a campaign.
+    """Judge of the episodes of a campaign.
 
     Attributes:
-        requirements: what they must satisfy, the most important first.
-        importance: what searches follow in safe episodes, in place of the requirements.
+        requirements: requirements of the campaign, the most important first.
+        importance: requirement that guides searches in safe episodes, in place of the
+            requirements.
     """
 
     requirements: tuple[AnyRequirement, ...]
@@ -450,7 +456,7 @@ class EpisodeJudge(NamedTuple):
 
     @property
     def signals(self) -> frozenset[str]:
-        """Names of the signals that are needed."""
+        """Names of the necessary signals."""
         followed = () if self.importance is None else (self.importance,)
         return frozenset[str]().union(*[each.signals for each in (*self.requirements, *followed)])
 
@@ -458,7 +464,7 @@ class EpisodeJudge(NamedTuple):
         """Judge the course of an episode.
 
         Raises:
-            SimulatorError: one of the requirements cannot be judged.
+            SimulatorError: a requirement cannot be judged.
         """
         values = tuple(_find_robustness(each, course) for each in self.requirements)
         violated = [
@@ -489,8 +495,9 @@ def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float
 
 
 def _make_positive(value: float) -> float:
-    """Return a number above 0 that rises with the value: 0 is left to failures.
+    """Return a number above 0 that rises with the value; 0 is reserved for failures.
 
-    1 + v from 0 on, and 1 / (1 - v) below: with slope 1 at 0, and in the same order everywhere.
+    The number is 1 + v for v ≥ 0, and 1 / (1 - v) below: slope 1 at 0, and the same order
+    everywhere.
     """
     return 1.0 + value if value >= 0.0 else 1.0 / (1.0 - value)

@@ -1,4 +1,4 @@
-"""Lists on a service: values that are asked for row by row, and only if they are wanted."""
+"""Lists on a service, whose rows are only requested when they are needed."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +17,7 @@ SHOWN = 20
 
 
 class _Walk(Iterator[Row]):
-    """An iteration over all rows of a list, whose rows may be loaded ahead."""
+    """Iterator over all rows of a list, which can load rows ahead."""
 
     def __init__(self, source: Iterator[Row]) -> None:
         self._source = source
@@ -29,7 +29,7 @@ class _Walk(Iterator[Row]):
         return self._loaded.popleft() if self._loaded else next(self._source)
 
     def load_all(self) -> int:
-        """Load the rows to come, and return their number."""
+        """Load the remaining rows, and return their number."""
         try:
             self._loaded.extend(self._source)
         except Exception as error:
@@ -48,18 +48,19 @@ def _raise(error: Exception) -> Any:
 
 
 class Rows(Iterable[Row], Shown, Generic[Row]):
-    """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
+    """A list on a service; requests are only sent when rows or their number are needed.
 
-    Each iteration asks anew, so that a list of millions needs no memory; `list(rows)` keeps them.
+    Each iteration requests the rows again, so that a list of millions does not fill the memory. Use
+    `list(rows)` to keep them.
 
     Args:
         fetch: begins an iteration over all rows.
-        start: begins an iteration that asks for no more than so many rows; None: `fetch` does.
-        count: returns the number of rows; None: they are counted one by one.
-        backwards: begins an iteration from the last row towards the first that asks for no more
-            than so many rows; None if the list cannot be read so.
-        of: the class of its rows, or the names of their fields where they are dicts; None: not
-            known. An empty list has the columns of a table, too.
+        start: begins an iteration that requests at most that many rows; None: use `fetch`.
+        count: returns the number of rows; None: rows are counted one by one.
+        backwards: begins an iteration from the last row towards the first that requests at most
+            that many rows; None if the list cannot be read backwards.
+        of: the class of the rows, or the names of their fields if rows are dicts; None: unknown. It
+            gives an empty list the columns of a table.
     """
 
     def __init__(
@@ -79,24 +80,24 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
         self._latest: ReferenceType[_Walk[Row]] | None = None
 
     def __iter__(self) -> Iterator[Row]:
-        """All rows, page by page."""
+        """Return an iterator over all rows, page by page."""
         walk = _Walk(self._fetch())
         self._latest = ref(walk)
         return walk
 
     def __reversed__(self) -> Iterator[Row]:
-        """All rows from the last one on, page by page where the list can be read so."""
+        """Return an iterator from the last row to the first, page by page if possible."""
         return reversed(tuple(self)) if self._backwards is None else self._backwards(maxsize)
 
     def __len__(self) -> int:
-        """Number of rows; one request where the service counts them."""
+        """Return the number of rows, with a single request if the service counts them."""
         # `list(rows)` and `tuple(rows)` begin an iteration and then want to know its length: its
         # rows answer that, so that no row is asked for twice, and none is counted.
         walk = self._latest() if self._latest else None
         return self.count() if walk is None or walk.is_started else walk.load_all()
 
     def __bool__(self) -> bool:
-        """Whether there is a row; asks for one alone."""
+        """Return whether there is a row, which takes a request for a single row."""
         return bool(self.first(1))
 
     @overload
@@ -106,10 +107,10 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
     def __getitem__(self, place: slice) -> tuple[Row, ...]: ...
 
     def __getitem__(self, place: SupportsIndex | slice) -> Row | tuple[Row, ...]:
-        """One row, or those of a slice as a tuple; negative places count from the end.
+        """Return one row, or the rows of a slice as a tuple; negative places count from the end.
 
-        Rows are asked for from the nearer end where the place says which, and only up to the last
-        one that is wanted.
+        Rows are requested from the nearer end if the place shows which end that is, and only up to
+        the last row needed.
 
         Raises:
             IndexError: there are fewer rows.
@@ -121,11 +122,11 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
         return sum(1 for _ in self) if self._count is None else self._count()
 
     def first(self, n: int = SHOWN) -> tuple[Row, ...]:
-        """The first n rows, or all if there are fewer."""
+        """Return the first n rows, or all rows if there are fewer."""
         return tuple(islice(self._begin(n), n))
 
     def __repr__(self) -> str:
-        """How to get at them; asks nothing."""
+        """Return instructions for access to the rows, without a request."""
         return "<Rows: iterate, or take len(rows), rows[i], rows[i:j], first(n)>"
 
     def _begin(self, n: int) -> Iterator[Row]:
@@ -138,7 +139,7 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
         return rows[0]
 
     def _take_last(self, n: int) -> tuple[Row, ...]:
-        """The last n rows in their order, or all if there are fewer."""
+        """Return the last n rows in their order, or all rows if there are fewer."""
         if self._backwards is None:
             return tuple(deque(self, n))
         return tuple(islice(self._backwards(n), n))[::-1]
@@ -158,11 +159,11 @@ class Rows(Iterable[Row], Shown, Generic[Row]):
 
 
 def is_from_start(place: slice) -> bool:
-    """Whether a slice counts from the first row, forwards."""
+    """Return whether a slice counts forwards from the first row."""
     bounds = (place.start, place.stop)
     return all(each is None or each >= 0 for each in bounds) and (place.step or 1) > 0
 
 
 def is_tail(place: slice) -> bool:
-    """Whether a slice is the last rows, all of them."""
+    """Return whether a slice takes the last n rows without gaps."""
     return (place.start or 0) < 0 and place.stop is None and place.step in {None, 1}

@@ -1,4 +1,4 @@
-"""The safety measures of a campaign's episodes together, and how severe its failures are."""
+"""Safety measures over the episodes of a campaign, and the severity of its failures."""
 
 import msgspec
 import numpy as np
@@ -10,7 +10,7 @@ from eigenfail.values.showing import Brief, Shown
 from eigenfail.values.summary import Conflicts, Unresolved
 
 MOST_POINTS = 2_000
-"""How many failures a scatter shows at most."""
+"""Maximum number of failures in a scatter."""
 
 TAIL_LEVEL = 0.95
 """Level of VaR and CVaR, unless another one is requested."""
@@ -20,10 +20,11 @@ class MeasureTotals(msgspec.Struct, frozen=True):
     """A measure over the completed episodes that have one.
 
     Attributes:
-        n: how many have it: one that never closed in on anybody has neither MinTTC nor DRAC.
-        violations: how many are beyond the threshold.
-        median: median, the mean of the two middle values of an even number; None over none.
-        worst: the smallest MinTTC, or the largest DRAC; None over none.
+        n: number of episodes with the measure. An episode that never closed in on a vehicle has
+            neither MinTTC nor DRAC.
+        violations: number of episodes beyond the threshold.
+        median: median, the mean of the two middle values of an even number; None if n is 0.
+        worst: the smallest MinTTC, or the largest DRAC; None if n is 0.
     """
 
     n: int = 0
@@ -38,8 +39,8 @@ class FailurePoint(msgspec.Struct, frozen=True):
     Attributes:
         index: index of the episode.
         log_probability_per_step: sum of log p over its steps ÷ steps.
-        severity: [m²/s²].
-        conflict: its class; None if too little was measured.
+        severity: severity of the collision [m²/s²].
+        conflict: conflict class; None if too little was measured.
     """
 
     index: int
@@ -52,9 +53,9 @@ class RequirementTotals(msgspec.Struct, frozen=True):
     """A requirement over the completed episodes.
 
     Attributes:
-        n: how many were judged by it.
-        violations: how many of them violate it.
-        worst: smallest robustness, in the unit of the requirement; None if none was judged.
+        n: number of episodes judged by it.
+        violations: number of episodes that violate it.
+        worst: smallest robustness, in the unit of the requirement; None if n is 0.
     """
 
     n: int
@@ -63,16 +64,16 @@ class RequirementTotals(msgspec.Struct, frozen=True):
 
 
 class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
-    """What the store makes of a campaign's completed episodes for its safety measures.
+    """Totals over a campaign's completed episodes for its safety measures, from the store.
 
     Attributes:
-        completed: episodes.
-        failures: failures among them.
+        completed: number of completed episodes.
+        failures: number of failures among them.
         ttc: distribution of MinTTC [s].
         drac: distribution of the largest DRAC [m/s²].
         severities: severities of the failures that have one, in index order, shape (n,). [m²/s²]
-        points: every k-th of those failures, in index order.
-        requirements: of each requirement that the campaign names, in their order.
+        points: every k-th failure with a severity, in index order.
+        requirements: totals of each requirement that the campaign names, in their order.
     """
 
     completed: int
@@ -85,11 +86,11 @@ class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
 
 
 class SeveritySample(msgspec.Struct, frozen=True):
-    """The severities of a campaign's failures, all or those after burn-in.
+    """The severities of a campaign's failures: all of them, or only after burn-in.
 
     Attributes:
         failures: number of failures.
-        severities: severities of those that have one, in index order. [m²/s²]
+        severities: severities of the failures that have one, in index order. [m²/s²]
     """
 
     failures: int
@@ -101,9 +102,9 @@ class Violations(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         threshold: limit of a violation: values below it for MinTTC, above it for DRAC.
-        beyond: episodes beyond it ÷ completed episodes; None before the first one, and where it
-            is not measured.
-        n: how many episodes have the measure; median and worst are over these.
+        beyond: episodes beyond the threshold ÷ completed episodes; None before the first completed
+            episode, or if the campaign lacks the measure.
+        n: number of episodes with the measure; median and worst are over these episodes.
         worst: the smallest MinTTC, or the largest DRAC.
     """
 
@@ -118,14 +119,14 @@ class RequirementFigures(msgspec.Struct, frozen=True, kw_only=True):
     """A requirement over the completed episodes.
 
     Attributes:
-        number: its place in the campaign, from 1: episodes that violate it first have it as
-            `violated`.
-        name: its name.
-        words: what it requires.
+        number: place of the requirement in the campaign, from 1. If it is the first one that an
+            episode violates, this number is the episode's `violated`.
+        name: name of the requirement.
+        words: the requirement in words.
         unit: unit of its robustness; empty for none.
-        violations: episodes that violate it ÷ episodes that were judged by it; None before the
-            first one. An episode may violate several.
-        worst: smallest robustness; None before the first of these episodes.
+        violations: episodes that violate it ÷ episodes judged by it; None before the first judged
+            episode. An episode may violate several requirements.
+        worst: smallest robustness; None before the first judged episode.
     """
 
     number: int
@@ -148,9 +149,9 @@ class SeverityRisk(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         level: level of VaR and CVaR.
-        n: failures that it rests on.
-        beyond: how many of them the level leaves above VaR: n · (1 − level).
-        mean: None without a failure.
+        n: number of failures behind the figures.
+        beyond: number of failures that the level leaves above VaR: n · (1 − level).
+        mean: mean severity; None without a failure.
         var: value at risk: the smallest severity that a share `level` of the failures does not
             exceed; None if too few are beyond it.
         cvar: conditional value at risk: the mean of the worst share 1 − level; None with `var`.
@@ -171,8 +172,9 @@ class Scatter(msgspec.Struct, frozen=True):
 
     Attributes:
         points: points in the order of the episodes.
-        of: how many failures they stand for; if there are more than points, every k-th is shown.
-        rank_correlation: Spearman's ρ over the points: below 0 if the severe are the rarer;
+        of: number of failures that the points represent; if this exceeds the number of points,
+            every k-th failure is shown.
+        rank_correlation: Spearman's ρ over the points: below 0 if severe failures are rarer;
             None over fewer than ten points, or if one axis does not vary.
     """
 
@@ -185,21 +187,22 @@ class Safety(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """The safety measures of a campaign (paper, section on safety measures).
 
     Attributes:
-        failures: failures ÷ completed episodes; None before the first one, as the other shares.
-        collisions: collisions ÷ completed episodes, also those that no requirement forbids: the
-            same, unless requirements are named.
-        near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes; None too where the
-            system under test is a function, as the shares of `ttc` and `drac`.
+        failures: failures ÷ completed episodes; all shares are None before the first completed
+            episode.
+        collisions: collisions ÷ completed episodes, including collisions that no requirement
+            forbids; equal to `failures` unless requirements are named.
+        near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes. Also None if the
+            system under test is a function, as are the shares of `ttc` and `drac`.
         conflicts: unavoidable versus planner failures, and the mean lead times.
-        unresolved: episodes that are no collisions only because they ended.
+        unresolved: episodes without a collision only because they ended.
         ttc: distribution of MinTTC [s].
         drac: distribution of the largest DRAC [m/s²].
         severity: severity of the failures [m²/s²], each counted once, however likely it is under
             p(x).
         scatter: likelihood against severity of the failures.
-        requirements: of each requirement that the campaign names, in their order; none if only
-            no collision is required.
-        notes: what the numbers cannot know.
+        requirements: figures of each requirement that the campaign names, in their order; empty if
+            it names none.
+        notes: limitations of the numbers.
     """
 
     campaign: int
@@ -220,5 +223,5 @@ class Safety(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def measures_traffic(self) -> bool:
-        """Whether episodes have times to collision and classes: those of a function have none."""
+        """True if episodes have times to collision and classes, unlike episodes of a function."""
         return self.near_misses is not None or not self.completed

@@ -26,13 +26,13 @@ VEHICLE_KINDS: Final = (
     "animal",
     UNKNOWN_KIND,
 )
-"""What a vehicle may be: categories of vehicles and pedestrians of ASAM OpenSCENARIO XML 1.3."""
+"""Kinds of vehicles: categories of vehicles and pedestrians of ASAM OpenSCENARIO XML 1.3."""
 
 
 # Of numbers alone, which cannot be part of a circle: the garbage collector need not visit the
 # thousands that an episode makes.
 class VehicleState(msgspec.Struct, frozen=True, gc=False):
-    """One vehicle in the road's plane: position of its centre, heading, speed, footprint."""
+    """A vehicle in the plane of the road: position of its centre, heading, speed, footprint."""
 
     x_m: float
     y_m: float
@@ -55,8 +55,8 @@ class Mission(msgspec.Struct, frozen=True):
     Lanes are parallel to x; lane 0 has its centre at y = 0, the next at y = lane_width_m.
 
     Attributes:
-        lane_0_ends_x_m: where lane 0 ends, as the lane of a ramp does; None if it goes on.
-        peak_braking_mps2: deceleration that the ego's brakes can do; by default the paper's.
+        lane_0_ends_x_m: x at which lane 0 ends, as a ramp does; None if it goes on.
+        peak_braking_mps2: peak deceleration of the ego's brakes; by default the paper's value.
     """
 
     dt_s: float
@@ -70,11 +70,11 @@ class Mission(msgspec.Struct, frozen=True):
 
 
 class Perception(msgspec.Struct, frozen=True):
-    """What a planner sees: itself and the others, disturbed by the channels of the campaign.
+    """The view of a planner: the ego and other vehicles, disturbed by the campaign's channels.
 
     Attributes:
-        others: the vehicles that are detected: all of them, unless a channel lets one be missed.
-        ids: number of each of them, from 1, which it keeps for the whole episode.
+        others: the detected vehicles: all vehicles, unless a channel makes the ego miss one.
+        ids: number of each detected vehicle, from 1, constant during the episode.
     """
 
     time_s: float
@@ -84,10 +84,10 @@ class Perception(msgspec.Struct, frozen=True):
 
 
 class LanePosition(msgspec.Struct, frozen=True, gc=False):
-    """Where the ego is in the lane that it is nearest to.
+    """Position of the ego in the nearest lane.
 
     Attributes:
-        offset_m: offset of its centre from the centre of the lane, to the left above 0.
+        offset_m: offset of the ego's centre from the centre of the lane, positive to the left.
         width_m: width of the lane.
     """
 
@@ -96,27 +96,27 @@ class LanePosition(msgspec.Struct, frozen=True, gc=False):
 
 
 class Observation(msgspec.Struct, frozen=True):
-    """The truth after a step, as the tester sees it.
+    """The true state after a step, for the tester.
 
     Attributes:
         step: number of steps taken so far.
-        others: every other vehicle that is there; never empty.
+        others: every other vehicle that is present; never empty.
         collided: whether the simulator's own test saw the ego touch another vehicle.
         ended: whether the episode is over, by a collision or at its horizon.
         perceived: position at which the ego saw the nearest vehicle in the step just taken [m]; NaN
-            if that was missed.
-        control: what the planner asked for in the step just taken.
-        applied: the part of it that the truck could do; None if the simulator does not report it.
+            if the vehicle was missed.
+        control: control that the planner requested in the step just taken.
+        applied: control that the truck could apply; None if the simulator does not report it.
         off_road: whether the ego is beyond the edge or the end of its road.
-        lane: where the ego is in its lane; None if the simulator does not tell.
-        ids: number of each other vehicle, from 1, which it keeps for the whole episode; None if
-            all of them are there throughout, in the same order.
-        signals: signals of the simulator's own, by name; None without any.
-        cause: cause of the collision, where the scenario names one; None without a collision.
-        frames: the truth at equally spaced moments within the step just taken, each as complete as
-            this one; empty if the simulator shows the end of a step alone.
-        peak_braking_mps2: deceleration that the ego's brakes can do, at the start alone; None if
-            the simulator does not tell.
+        lane: position of the ego in its lane; None if the simulator does not report it.
+        ids: number of each other vehicle, from 1, constant during the episode; None if all vehicles
+            are present throughout, in the same order.
+        signals: additional signals of the simulator, by name; None without any.
+        cause: cause of the collision, if the scenario names one; None without a collision.
+        frames: the true states at equally spaced moments within the step just taken, each as
+            complete as this one; empty if the simulator only shows the end of a step.
+        peak_braking_mps2: peak deceleration of the ego's brakes, only at the start; None if the
+            simulator does not report it.
     """
 
     step: int
@@ -147,14 +147,15 @@ class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
     Attributes:
         dt_s: time between two steps.
         vehicles: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4);
-            vehicle 0 is the ego. NaN while a vehicle is not there.
+            vehicle 0 is the ego. NaN while a vehicle is absent.
         sizes: length and width [m], shape (vehicles, 2).
         perceived: position at which the ego saw the nearest vehicle [m], shape (steps, 2); NaN
-            if that was missed.
+            if the vehicle was missed.
         controls: acceleration [m/s²] and steering [rad], shape (steps, 2).
         road: borders of the lanes, each of shape (points, 2) [m]; absent if the simulator does
-            not show them.
-        kinds: one of `VEHICLE_KINDS` for each vehicle; absent if the simulator tells none.
+            not report them.
+        kinds: one of `VEHICLE_KINDS` for each vehicle; absent if the simulator does not report
+            them.
     """
 
     dt_s: float

@@ -1,4 +1,4 @@
-"""Figures over seeds: campaigns that differ in their seeds alone are a random sample."""
+"""Figures over seeds: campaigns that differ only in their seeds are a random sample."""
 
 import msgspec
 
@@ -7,15 +7,15 @@ from eigenfail.values.showing import Brief, Shown
 
 
 class SeedFigure(msgspec.Struct, frozen=True, kw_only=True):
-    """A figure that each seed has one value of.
+    """A figure with one value for each seed.
 
     Attributes:
         n: number of seeds with a value.
         deviation: standard deviation between seeds (n − 1); None with one value.
         least: smallest value.
         most: largest value.
-        interval: Student's 95 % interval of the mean, with n − 1 degrees of freedom, cut if no
-            mean can be; None with one value, and where all values are equal: they show no spread.
+        interval: Student's 95 % interval of the mean, with n − 1 degrees of freedom, cut to the
+            possible means. None with one value, or if all values are equal and show no spread.
     """
 
     n: int
@@ -28,7 +28,7 @@ class SeedFigure(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_constant(self) -> bool:
-        """Whether several seeds all have the same value."""
+        """True if there are several seeds, and all have the same value."""
         return self.n > 1 and self.least == self.most
 
 
@@ -41,13 +41,13 @@ class SeedValue(msgspec.Struct, frozen=True):
 
 
 class FirstFailures(msgspec.Struct, frozen=True, kw_only=True):
-    """Number of episodes up to the first failure of each seed, that one included.
+    """Number of episodes up to and including the first failure of each seed.
 
     Attributes:
-        median: over all seeds, those without a failure behind all others; None if it is one of
-            these.
-        worst: the largest; None if a seed has no failure.
-        worst_seed: the seed of the largest one, or of the longest campaign without a failure.
+        median: median over all seeds; seeds without a failure rank last. None if it depends
+            on such a seed.
+        worst: the largest number; None if a seed is without a failure.
+        worst_seed: the seed of the largest number, or of the longest campaign without a failure.
         without: number of seeds without a failure.
         within: number of episodes that the worst seed completed.
     """
@@ -60,27 +60,27 @@ class FirstFailures(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SeedSpread(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
-    """Campaigns that differ in their seeds alone: mean and spread of their figures.
+    """Campaigns that differ only in their seeds: mean and spread of their figures.
 
-    Every seed counts alike, however many episodes it has.
+    Every seed has the same weight, regardless of its number of episodes.
 
     Attributes:
-        name: the settings that distinguish this group from others that it was found with; its
-            method if there are no others.
-        campaigns: ids in the order of their seeds, of campaigns with a completed episode.
-        seeds: seeds of these campaigns, each once.
-        completed: episodes of all of them.
-        failures: failures among these.
+        name: settings that distinguish this group from groups found with it; its method if it is
+            the only group.
+        campaigns: ids of the campaigns with a completed episode, in the order of their seeds.
+        seeds: their seeds, each once.
+        completed: number of their completed episodes.
+        failures: number of failures among them.
         share: share of the episodes that failed.
-        worst: the seed with the lowest share; of equal ones that with the latest first failure.
+        worst: the seed with the lowest share; among equal ones, with the latest first failure.
         log_probability_per_step: log-probability per step of the failures, over seeds with one.
         mean_severity: mean severity of the failures, over seeds with one [m²/s²].
         first: number of episodes up to the first failure.
-        cost: total price ÷ all failures, with its interval across seeds. If that is open above,
-            there is only the lower bound; likewise if no seed has a failure.
-        notes: limitations of these figures, as sentences.
-        pooled: failure rate of all episodes together, if all of them were drawn from p(x): their
-            mean over seeds has a wider interval, or none; None of a search.
+        cost: total price ÷ all failures, with its interval across seeds. If the interval is open
+            above, or all seeds are without a failure, there is only the lower bound.
+        notes: limitations of the figures, as sentences.
+        pooled: failure rate of all episodes together, if they were all drawn from p(x); None for a
+            search. The interval of the mean over seeds is wider, or missing.
     """
 
     name: str

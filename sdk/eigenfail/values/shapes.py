@@ -1,10 +1,11 @@
 """Shapes of the noise: how the standardised noise u follows from z.
 
 z is independent and standard normal. A shape is a frozen struct that TOML and JSON name by its
-`kind`, and gives u_t from z_t and u_{t-1} (`step`), the inverse (`step_back`), and the slope
-(`log_slopes`). Every u_t of a continuous shape has mean 0 and variance 1, so that sigma means the
-same under every shape; u_t of an event is 1 while it lasts, and else 0. Only events whose rate
-depends on the distance use the sigma of the step: theirs is the probability that they begin.
+`kind`. It computes u_t from z_t and u_{t-1} (`step`), the inverse (`step_back`), and the slope
+(`log_slopes`). In a continuous shape, u_t has mean 0 and variance 1, so that sigma means the same
+under every shape. In a shape of events, u_t is 1 during the event, and 0 otherwise. Only events
+whose rate depends on the distance use the sigma of the step: it is the probability that the event
+begins.
 """
 
 from functools import lru_cache
@@ -33,26 +34,26 @@ Correlation = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]
 
 
 class ShapeStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind"):
-    """A shape as it stands in a campaign: its kind, and its own fields."""
+    """Base of all shapes, which a campaign names by their kind."""
 
 
 class White(ShapeStruct, frozen=True, tag="white"):
     """The paper's noise: normal, and independent at every step. u = z."""
 
     def step(self, z: Row, _before: Row | None, _sigma: Row) -> Row:
-        """u_t of z_t."""
+        """Return u_t from z_t."""
         return z
 
     def step_back(self, u: Row, _before: Row | None, _sigma: Row) -> Row:
-        """z_t of u_t."""
+        """Return z_t from u_t."""
         return u
 
     def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
-        """log |du_t / dz_t|, shape (steps, channels)."""
+        """Return log |du_t / dz_t|, shape (steps, channels)."""
         return np.zeros(z.shape)
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         return "white: normal, independent at every step"
 
 
@@ -60,7 +61,7 @@ class Correlated(ShapeStruct, frozen=True, tag="ar1"):
     """An autoregressive process of order one on each of two axes, stationary from its first step.
 
     u_0 = z_0, u_t = phi · u_{t-1} + sqrt(1 - phi²) · z_t (Box and Jenkins, Time Series Analysis,
-    section 3.2), so that every u_t is standard normal and those k steps apart correlate by phi^k.
+    section 3.2). Every u_t is standard normal, and values k steps apart have correlation phi^k.
 
     Attributes:
         longitudinal_correlation: phi between one step and the next; lateral_correlation likewise.
@@ -70,14 +71,14 @@ class Correlated(ShapeStruct, frozen=True, tag="ar1"):
     lateral_correlation: Correlation = 0.8
 
     def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
-        """u_t of z_t and u_{t-1}; None stands before the first step."""
+        """Return u_t from z_t and u_{t-1}, which is None at the first step."""
         if before is None:
             return z
         (phi_x, phi_y), (new_x, new_y) = self._kept, self._new
         return phi_x * before[0] + new_x * z[0], phi_y * before[1] + new_y * z[1]
 
     def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
-        """z_t of u_t and u_{t-1}."""
+        """Return z_t from u_t and u_{t-1}."""
         # The first step is drawn from the stationary distribution, hence without a start-up
         # phase.
         if before is None:
@@ -86,7 +87,7 @@ class Correlated(ShapeStruct, frozen=True, tag="ar1"):
         return (u[0] - phi_x * before[0]) / new_x, (u[1] - phi_y * before[1]) / new_y
 
     def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
-        """log |du_t / dz_t| = log sqrt(1 - phi²) after the first step, shape (steps, 2)."""
+        """Return log |du_t / dz_t| = log sqrt(1 - phi²) after the first step, shape (steps, 2)."""
         slopes = np.zeros_like(z)
         slopes[1:] = [0.5 * log1p(-phi * phi) for phi in self._kept]
         return slopes
@@ -102,7 +103,7 @@ class Correlated(ShapeStruct, frozen=True, tag="ar1"):
         return sqrt((1.0 - phi_x) * (1.0 + phi_x)), sqrt((1.0 - phi_y) * (1.0 + phi_y))
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         phi_x, phi_y = self._kept
         by = f"{phi_x:g} (longitudinal) and {phi_y:g} (lateral)"
         return f"ar1: normal, correlated from step to step by {by}"
@@ -115,23 +116,23 @@ class HeavyTailed(ShapeStruct, frozen=True, tag="student_t"):
     (quantile transform: Devroye 1986, Non-Uniform Random Variate Generation, section II.2).
 
     Attributes:
-        degrees_of_freedom: nu; the fewer, the heavier the tails. Kurtosis is finite above 4.
+        degrees_of_freedom: nu; fewer give heavier tails. The kurtosis is finite above 4.
     """
 
     degrees_of_freedom: Annotated[float, msgspec.Meta(gt=2.0, le=1000.0)] = 5.0
 
     def step(self, z: Row, _before: Row | None, _sigma: Row) -> Row:
-        """u_t of z_t."""
+        """Return u_t from z_t."""
         nu, unit = self.degrees_of_freedom, self._unit
         return tuple([unit * student_t.map_normal_to_t(each, nu) for each in z])
 
     def step_back(self, u: Row, _before: Row | None, _sigma: Row) -> Row:
-        """z_t of u_t."""
+        """Return z_t from u_t."""
         nu, unit = self.degrees_of_freedom, self._unit
         return tuple([student_t.map_t_to_normal(each / unit, nu) for each in u])
 
     def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
-        """log |du_t / dz_t|, shape (steps, channels)."""
+        """Return log |du_t / dz_t|, shape (steps, channels)."""
         slopes = [
             student_t.log_t_slope(each, self.degrees_of_freedom) for each in z.ravel().tolist()
         ]
@@ -142,7 +143,7 @@ class HeavyTailed(ShapeStruct, frozen=True, tag="student_t"):
         return sqrt((self.degrees_of_freedom - 2.0) / self.degrees_of_freedom)
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         nu = self.degrees_of_freedom
         return f"student_t: heavy tails of {nu:g} degrees of freedom, independent at every step"
 
@@ -161,21 +162,21 @@ class Autoregressive(ShapeStruct, frozen=True, tag="ar1"):
     correlation: Correlation = 0.8
 
     def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
-        """u_t of z_t and u_{t-1}; None stands before the first step."""
+        """Return u_t from z_t and u_{t-1}, which is None at the first step."""
         if before is None:
             return z
         phi, new = self.correlation, self._new
         return tuple([phi * last + new * each for each, last in zip(z, before, strict=True)])
 
     def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
-        """z_t of u_t and u_{t-1}."""
+        """Return z_t from u_t and u_{t-1}."""
         if before is None:
             return u
         phi, new = self.correlation, self._new
         return tuple([(each - phi * last) / new for each, last in zip(u, before, strict=True)])
 
     def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
-        """log |du_t / dz_t| = log sqrt(1 - phi²) after the first step, shape (steps, channels)."""
+        """Return log |du_t / dz_t| = log sqrt(1 - phi²) from step 1 on, shape (steps, channels)."""
         slopes = np.zeros_like(z)
         slopes[1:] = log(self._new)
         return slopes
@@ -186,26 +187,26 @@ class Autoregressive(ShapeStruct, frozen=True, tag="ar1"):
         return sqrt((1.0 - self.correlation) * (1.0 + self.correlation))
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         return f"ar1: normal, correlated from step to step by {self.correlation:g}"
 
 
 class Markov(ShapeStruct, frozen=True, tag="markov"):
     """An event that begins and ends: a Markov chain of two states (Norris 1997, 1.1).
 
-    u_t = 1, the event lasts, where z_t > Phi⁻¹(1 - P(u_t = 1 | u_{t-1})), else 0. So u is
-    distributed as the chain is, and a larger z makes the event more likely, whatever was before.
-    At the first step, P is the share of the steps at which the event lasts in the long run at the
-    rate of that step, so that the chain is stationary where the rate is constant.
+    u_t = 1 (the event lasts) if z_t > Phi⁻¹(1 - P(u_t = 1 | u_{t-1})), else 0. Thus u has the
+    distribution of the chain, and a larger z makes the event more likely, whatever the previous
+    state. At the first step, P is the long-run share of steps with the event, at the rate of that
+    step. If the rate is constant, the chain is therefore stationary.
 
     With `rate_per_m`, the event begins with probability min(0.5, rate + rate_per_m · d) at a step
-    at which the vehicle is at the distance d [m]. That probability is what stands in the place of
-    the sigma of its channel.
+    when the vehicle is at the distance d [m]. This probability takes the place of the channel's
+    sigma.
 
     Attributes:
-        rate: probability that the event begins at a step before which it was absent.
-        mean_steps: mean number of steps that it lasts.
-        rate_per_m: by how much `rate` grows with each metre of distance.
+        rate: probability that the event begins at a step if it was absent at the step before.
+        mean_steps: mean duration of the event, in steps.
+        rate_per_m: growth of `rate` with each metre of distance.
     """
 
     rate: Annotated[float, msgspec.Meta(gt=0.0, le=MOST_LIKELY)] = 0.01
@@ -218,26 +219,26 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
 
     @property
     def growth_per_m(self) -> float:
-        """By how much the rate grows with each metre of distance; 0 if it is constant."""
+        """Growth of the rate with each metre of distance; 0 if the rate is constant."""
         return 0.0 if isinstance(self.rate_per_m, msgspec.UnsetType) else self.rate_per_m
 
     def step(self, z: Row, before: Row | None, sigma: Row) -> Row:
-        """u_t of z_t and u_{t-1}; None stands before the first step."""
+        """Return u_t from z_t and u_{t-1}, which is None at the first step."""
         likely = self._probabilities(before, sigma)
         # A list inside of the tuple: a generator takes longer, and this runs at each step.
         pairs = zip(z, likely, strict=True)
         return tuple([1.0 if each > _find_threshold(p) else 0.0 for each, p in pairs])
 
     def step_back(self, u: Row, before: Row | None, sigma: Row) -> Row:
-        """The mean of z_t where u_t, rounded to an event or none, follows u_{t-1}."""
+        """Return the mean of z_t, given u_{t-1} and u_t (rounded to 0 or 1)."""
         likely = self._probabilities(before, sigma)
         return tuple([_find_mean_z(each, p) for each, p in zip(u, likely, strict=True)])
 
     def log_slopes(self, z: Slopes, sigma: Floats) -> Slopes:
-        """log of the density of z_t ÷ P(u_t | u_{t-1}), shape (steps, channels).
+        """Return log of the density of z_t ÷ P(u_t | u_{t-1}), shape (steps, channels).
 
-        The counterpart of log |du_t / dz_t| for an event: what the log density of z exceeds the log
-        probability of u by.
+        The counterpart of log |du_t / dz_t| for an event: the log density of z minus the log
+        probability of u.
         """
         slopes, before = [], None
         for row, at in zip(z.tolist(), sigma.tolist(), strict=True):
@@ -249,10 +250,10 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
         return np.array(slopes).reshape(z.shape) - student_t.LOG_SQRT_TWO_PI
 
     def mean_log_probabilities(self, sigma: Row) -> list[float]:
-        """Mean of log P(u_t | u_{t-1}) over the chain, at each step of one channel.
+        """Return the mean of log P(u_t | u_{t-1}) over the chain, at each step of one channel.
 
         Args:
-            sigma: sigma of that channel at each step, of which there is one at least.
+            sigma: sigma of the channel at each step; at least one step.
         """
         rates, stays = self._find_rates(sigma), 1.0 - 1.0 / self.mean_steps
         lasting = self._find_share(rates[0])
@@ -264,18 +265,18 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
         return means
 
     def _find_share(self, begins: float) -> float:
-        """Share of the steps at which the event lasts, where it begins with that probability."""
+        """Return the long-run share of steps with the event, if it begins with that probability."""
         return begins / (begins + 1.0 / self.mean_steps)
 
     def _find_rates(self, sigma: Row) -> Row:
-        """The probability that the event begins, of each channel."""
+        """Return the probability that the event begins, for each channel."""
         if not self.growth_per_m:
             return (self.rate,) * len(sigma)
         # Within its bounds also where a worker reported anything else.
         return tuple([min(max(self.rate, each), MOST_LIKELY) for each in sigma])
 
     def _probabilities(self, before: Row | None, sigma: Row) -> Row:
-        """P(u_t = 1 | u_{t-1}) of each channel; at the first step the stationary probability."""
+        """Return P(u_t = 1 | u_{t-1}) of each channel; at the first step, the stationary one."""
         rates = self._find_rates(sigma)
         # From the long run, as an episode begins anywhere in a drive, and not where events begin.
         if before is None:
@@ -285,7 +286,7 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
         return tuple([1.0 - ends if last >= 0.5 else begins for last, begins in pairs])
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         growth = f" + {self.growth_per_m:g}·d" if self.growth_per_m else ""
         return (
             f"markov: begins with probability {self.rate:g}{growth} a step, lasts "
@@ -294,7 +295,7 @@ class Markov(ShapeStruct, frozen=True, tag="markov"):
 
 
 def _negative_entropy(p: float) -> float:
-    """p log p + (1 - p) log(1 - p), which is 0 at both ends."""
+    """Return p log p + (1 - p) log(1 - p), which is 0 for p = 0 and p = 1."""
     return sum(each * log(each) for each in (p, 1.0 - p) if each > 0.0)
 
 
@@ -306,7 +307,7 @@ def _find_threshold(probability: float) -> float:
 
 
 def _find_mean_z(u: float, probability: float) -> float:
-    """Return the mean of a standard normal z above its threshold, or below it where u < 0.5."""
+    """Return the mean of a standard normal z above its threshold, or below it if u < 0.5."""
     if probability == 0.0:
         return 0.0
     density = student_t.NORMAL.pdf(_find_threshold(probability))
@@ -314,28 +315,28 @@ def _find_mean_z(u: float, probability: float) -> float:
 
 
 class Once(ShapeStruct, frozen=True, tag="once"):
-    """One draw for the whole episode: u_t = z_0. Later z are without effect."""
+    """One draw for the whole episode: u_t = z_0. Later z do not have an effect."""
 
     def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
-        """u_t of z_t and u_{t-1}; None stands before the first step."""
+        """Return u_t from z_t and u_{t-1}, which is None at the first step."""
         # z of later steps stay part of the noise, so that all channels have one shape of array.
         return z if before is None else before
 
     def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
-        """z_t of u_t and u_{t-1}: of the values that z_t may have after the first step, 0."""
+        """Return z_t: u_t at the first step; then 0, because later z do not have an effect."""
         return u if before is None else (0.0,) * len(u)
 
     def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
-        """log of the density of z_t ÷ that of u_t | u_{t-1}, shape (steps, channels).
+        """Return log of density of z_t ÷ density of u_t | u_{t-1}, shape (steps, channels).
 
-        After the first step nothing is random, so that the density of z alone remains.
+        After the first step, u is not random, so that only the density of z remains.
         """
         slopes = np.zeros_like(z)
         slopes[1:] = -0.5 * z[1:] ** 2 - student_t.LOG_SQRT_TWO_PI
         return slopes
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         return "drawn once an episode"
 
 
@@ -349,7 +350,7 @@ class PerChannel(ShapeStruct, frozen=True, tag="per_channel"):
     shapes: tuple[ChannelShape, ...]
 
     def step(self, z: Row, before: Row | None, sigma: Row) -> Row:
-        """u_t of z_t and u_{t-1}; None stands before the first step."""
+        """Return u_t from z_t and u_{t-1}, which is None at the first step."""
         return tuple(
             [
                 shape.step((z[way],), None if before is None else (before[way],), (sigma[way],))[0]
@@ -358,7 +359,7 @@ class PerChannel(ShapeStruct, frozen=True, tag="per_channel"):
         )
 
     def step_back(self, u: Row, before: Row | None, sigma: Row) -> Row:
-        """z_t of u_t and u_{t-1}."""
+        """Return z_t from u_t and u_{t-1}."""
         befores = [None] * len(u) if before is None else [(each,) for each in before]
         return tuple(
             [
@@ -368,7 +369,7 @@ class PerChannel(ShapeStruct, frozen=True, tag="per_channel"):
         )
 
     def log_slopes(self, z: Slopes, sigma: Floats) -> Slopes:
-        """log |du_t / dz_t|, or what `Markov.log_slopes` is, shape (steps, channels)."""
+        """Return the `log_slopes` of each channel's shape, shape (steps, channels)."""
         columns = [
             shape.log_slopes(z[:, [way]], sigma[:, [way]]) for way, shape in enumerate(self.shapes)
         ]
@@ -381,7 +382,7 @@ class PerChannel(ShapeStruct, frozen=True, tag="per_channel"):
 
     @property
     def rated(self) -> dict[int, Markov]:
-        """Events that have a probability in the place of a sigma, by their column."""
+        """Events with a probability in place of a sigma, by their column."""
         return {
             way: shape
             for way, shape in enumerate(self.shapes)
@@ -389,13 +390,13 @@ class PerChannel(ShapeStruct, frozen=True, tag="per_channel"):
         }
 
     def drop_uncounted(self, z: Floats) -> Floats:
-        """z with 0 in place of values without effect: those after the first of a `Once` channel."""
+        """Return z with 0 in place of values without effect: later values of `Once` channels."""
         counted = z.copy()
         counted[1:, self.once] = 0.0
         return counted
 
     def in_words(self) -> str:
-        """What people read."""
+        """Return the shape in words."""
         return "a shape for each channel; an event is 1 while it lasts"
 
 

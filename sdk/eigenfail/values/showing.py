@@ -1,4 +1,4 @@
-"""How values show themselves: briefly, and in a notebook as a plug-in shows them."""
+"""Display of values: a short repr, and HTML from a plug-in in a notebook."""
 
 import warnings
 from collections.abc import Sized
@@ -10,19 +10,19 @@ from eigenfail import plugins
 from eigenfail.errors import EigenfailError
 
 MOST_ITEMS = 6
-"""Number of items of a sequence that a repr shows."""
+"""Maximum number of items of a sequence in a repr."""
 
 MOST_CHARACTERS = 300
 """Maximum length of one field in a repr; the rest of longer content is left out [characters]."""
 
 
 class Shown:
-    """A value that notebooks show as HTML, if a plug-in is installed that writes it."""
+    """A value that notebooks show as HTML if a plug-in that writes HTML is installed."""
 
     __slots__ = ()
 
     def _repr_html_(self) -> str | None:
-        """The value for a notebook; None: the notebook shows its repr."""
+        """Return the HTML for a notebook; None: the notebook shows the repr."""
         if "html" not in plugins.names(plugins.NOTEBOOKS):
             return None
         try:
@@ -35,16 +35,17 @@ class Shown:
 
 
 class Brief:
-    """A value with a short repr, so that the last line of a notebook's cell may be one.
+    """A value with a short repr, so that a notebook's cell may end with it.
 
-    Arrays are shown by type and shape, long sequences and other large content by their beginning.
+    The repr shows the type and shape of arrays, and the beginning of long sequences and other large
+    content.
     """
 
     __slots__ = ()
     __struct_fields__: ClassVar[tuple[str, ...]]
 
     def __repr__(self) -> str:
-        """The value on few lines, however large it is."""
+        """Return a short representation, even of a large value."""
         fields = (f"{name}={brief(getattr(self, name))}" for name in self.__struct_fields__)
         return f"{type(self).__name__}({', '.join(fields)})"
 

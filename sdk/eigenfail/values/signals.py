@@ -1,8 +1,8 @@
-"""Signals: named scalars of every step of a drive, from which requirements are judged.
+"""Signals: named scalars of every step of a drive, for the evaluation of requirements.
 
-A course has a value of each for the start and after every step. Values stay finite, so that the
-robustness of any requirement does: where a quantity has no value, as the time to collision of
-vehicles that do not close in, the signal has the value of its `absent`.
+A course has a value of each signal for the start and after every step. Values are always finite, so
+that robustness is finite, too. If a quantity is undefined, such as the time to collision of
+vehicles that do not close in, the signal has its `absent` value.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,10 +22,10 @@ Samples = NDArray[np.float64]
 """The values of a signal, shape (steps + 1,)."""
 
 NEVER_S: Final = 60.0
-"""Times to an event that is not coming, and longer ones. [s]"""
+"""Time to an event that does not come; longer times are cut to it. [s]"""
 
 NOBODY_M: Final = 1_000.0
-"""The gap to a vehicle ahead where there is none, and longer ones. [m]"""
+"""Gap without a vehicle ahead; longer gaps are cut to it. [m]"""
 
 ERROR: Final = "error"
 """First part of the names of the signals of channels: `error.longitudinal`."""
@@ -42,10 +42,10 @@ class SignalDescription(msgspec.Struct, frozen=True, kw_only=True):
     """Description of a signal.
 
     Attributes:
-        unit: empty for none.
+        unit: unit of the signal; empty for none.
         words: description without the unit.
-        absent: value where the quantity has none; None if it always has one.
-        needs_lane: whether it needs the lane of the ego, which not every simulator tells.
+        absent: value if the quantity is undefined; None if it is always defined.
+        needs_lane: whether it needs the lane of the ego, which not every simulator reports.
     """
 
     unit: str
@@ -107,8 +107,8 @@ SIGNALS: Mapping[str, SignalDescription] = MappingProxyType(
         ),
     }
 )
-"""The signals of every drive by name, beside `error.CHANNEL` of each channel of its noise: what is
-perceived minus what is true, in the unit of the channel."""
+"""Signals of every drive by name. Each channel of its noise has a further signal, `error.CHANNEL`:
+the perceived minus the true value, in the unit of the channel."""
 
 
 def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...]:
@@ -116,7 +116,7 @@ def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...
 
     Args:
         channels: names of the channels of its noise.
-        tells_lane: whether the simulator tells the lane of the ego.
+        tells_lane: whether the simulator reports the lane of the ego.
     """
     drive = [name for name, each in SIGNALS.items() if tells_lane or not each.needs_lane]
     return *drive, *[f"{ERROR}.{channel}" for channel in channels]
@@ -136,18 +136,19 @@ def read_signal_names(planner: object) -> tuple[str, ...]:
 
 
 def is_signal_value(value: object) -> TypeGuard[float]:
-    """Return whether a planner may report the value: a finite number, also of numpy; no boolean.
+    """Return whether a planner may report the value: a finite number, not a boolean.
 
-    A number beyond the range of float32 would not stay finite where it is stored.
+    Numbers of numpy are allowed. A number beyond the range of float32 is not: it would not be
+    finite once stored.
     """
     return not isinstance(value, bool) and isinstance(value, Real) and fits_float32(value)
 
 
 class ExpectedCourse(NamedTuple):
-    """The signals that all episodes of a campaign will show.
+    """The signals that all episodes of a campaign will have.
 
     Attributes:
-        signals: names of the signals that are told.
+        signals: names of the signals.
         dt_s: time between two steps.
         duration_s: duration of a full episode.
     """
@@ -158,12 +159,12 @@ class ExpectedCourse(NamedTuple):
 
 
 class DrivenCourse(NamedTuple):
-    """What an episode showed, for its requirements.
+    """Signals and measures of an episode, for its requirements.
 
     Attributes:
         dt_s: time between two steps.
         signals: values of the signals that the requirements need, by name.
-        measures: of the whole episode.
+        measures: measures of the whole episode.
     """
 
     dt_s: float

@@ -1,4 +1,4 @@
-"""Student's t and the standard normal, quantile to quantile, accurate far into both tails.
+"""Quantile map between Student's t and the standard normal, accurate far into both tails.
 
 t(z) solves T(t) = Phi(z), where T is the distribution function of Student's t with nu degrees of
 freedom. Beyond |z| = REACH, which one draw in 1e57 exceeds, t keeps its value at REACH.
@@ -12,7 +12,7 @@ REACH = 16.0
 KNOTS_PER_SIGMA = 64
 FRACTION_TERMS = 60
 FAR = 1e150
-"""Beyond it the square of t would overflow."""
+"""Beyond this value, the square of t would overflow."""
 
 SQRT_TWO = sqrt(2.0)
 LOG_SQRT_TWO_PI = 0.5 * log(2.0 * pi)
@@ -30,28 +30,28 @@ def map_normal_to_t(z: float, nu: float) -> float:
 
 
 def map_t_to_normal(t: float, nu: float) -> float:
-    """z with t(z) = t."""
+    """Return z with t(z) = t."""
     _, tails = split_t_mass(min(FAR, abs(t)), nu)
     return copysign(NORMAL.inv_cdf(max(0.5 * tails, LEAST_TAIL)), t)
 
 
 def log_t_slope(z: float, nu: float) -> float:
-    """log dt/dz = log φ(z) - log f(t), by differentiating T(t) = Φ(z)."""
+    """Return log dt/dz = log φ(z) - log f(t), by differentiating T(t) = Φ(z)."""
     size = min(REACH, abs(z))
     return -0.5 * size * size - LOG_SQRT_TWO_PI - log_t_density(map_normal_to_t(size, nu), nu)
 
 
 def log_t_density(t: float, nu: float) -> float:
-    """log f(t) (Abramowitz and Stegun, 26.7.1)."""
+    """Return log f(t) (Abramowitz and Stegun, 26.7.1)."""
     norm = lgamma(0.5 * (nu + 1.0)) - lgamma(0.5 * nu) - 0.5 * log(nu * pi)
     return norm - 0.5 * (nu + 1.0) * log1p(t * t / nu)
 
 
 def split_t_mass(t: float, nu: float) -> tuple[float, float]:
-    """P(|T| < t) and P(|T| > t) for t ≥ 0, the smaller of them to nearly all of its digits.
+    """Return P(|T| < t) and P(|T| > t) for t ≥ 0, the smaller one to nearly all of its digits.
 
     They are I_x(1/2, nu/2) and I_{1-x}(nu/2, 1/2) with x = t² / (nu + t²) (DLMF 8.17; Abramowitz
-    and Stegun, 26.7.1); of the two, that is computed whose continued fraction converges fast.
+    and Stegun, 26.7.1). The function computes the one whose continued fraction converges fast.
     """
     x, rest = t * t / (nu + t * t), nu / (nu + t * t)
     # (a + 1) / (a + b + 2) with a = 1/2 and b = nu/2: the fraction converges fast below it.
@@ -63,7 +63,7 @@ def split_t_mass(t: float, nu: float) -> tuple[float, float]:
 
 
 def _incomplete_beta(a: float, b: float, x: float, rest: float) -> float:
-    """I_x(a, b), given rest = 1 - x as well (DLMF 8.17.22); for x up to (a + 1) / (a + b + 2)."""
+    """Return I_x(a, b) (DLMF 8.17.22); x is at most (a + 1) / (a + b + 2), and rest is 1 - x."""
     fraction = 1.0
     # From the innermost term outwards.
     for m in range(FRACTION_TERMS, 0, -1):
@@ -77,10 +77,10 @@ def _incomplete_beta(a: float, b: float, x: float, rest: float) -> float:
 
 
 class LogStretch:
-    """log(t(z) / z) for 0 ≤ z ≤ REACH: found at knots, between them by cubic Hermite polynomials.
+    """Table of log(t(z) / z) for 0 ≤ z ≤ REACH, with cubic Hermite polynomials between knots.
 
-    An inversion costs a hundred times as much as a look into this table. The function is smooth
-    and nearly a parabola; at 64 knots a sigma the error stays below 1e-9.
+    An inversion costs a hundred times as much as a look-up in this table. The function is smooth
+    and nearly a parabola. With 64 knots per sigma, the error stays below 1e-9.
     """
 
     def __init__(self, nu: float) -> None:
@@ -100,7 +100,7 @@ class LogStretch:
         self._slopes.append(exp(steepness) - 1.0 / z)
 
     def __call__(self, z: float) -> float:
-        """The value at z."""
+        """Return the value at z."""
         at = z * KNOTS_PER_SIGMA
         # z = REACH belongs to the last piece.
         knot = min(int(at), len(self._values) - 2)
@@ -112,7 +112,7 @@ class LogStretch:
 
 
 def _log_t(z: float, nu: float, guess: float) -> float:
-    """log t with T(t) = Φ(z), z > 0: Newton's method on the logarithm of the smaller mass."""
+    """Return log t with T(t) = Φ(z), z > 0, by Newton's method on the smaller mass's logarithm."""
     # Of the two masses the smaller one has its digits left: the other is rounded to nearly 1.
     central = z < 1.0
     target = log(erf(z / SQRT_TWO) if central else erfc(z / SQRT_TWO))

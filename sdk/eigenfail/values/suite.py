@@ -1,4 +1,4 @@
-"""Suites as a service knows them: campaigns whose names begin alike, "SUITE: member"."""
+"""Suites on a service: campaigns whose names have the same beginning, "SUITE: member"."""
 
 import re
 from collections.abc import Mapping
@@ -17,14 +17,14 @@ SEPARATOR = ": "
 OFFSPRING = re.compile(
     r": (replay of (analysis \d+|\d+/\d+)|minimal failure of \d+/\d+)(,.*)?$", re.DOTALL
 )
-"""How campaigns are named that the service makes of others: they are no members of a suite."""
+"""Names of campaigns that the service makes from others, which are not members of a suite."""
 
 
 def suite_of(name: str) -> str | None:
-    """The suite that a campaign of this name belongs to, if it belongs to one.
+    """Return the suite of a campaign with this name; None if it does not belong to a suite.
 
-    It is what stands before the first ": "; replays and minimal failures that were made of another
-    campaign belong to none.
+    The suite is the text before the first ": ". Replays and minimal failures, which are made from
+    another campaign, do not belong to a suite.
     """
     suite, separator, member = name.partition(SEPARATOR)
     if not (suite and separator and member) or OFFSPRING.search(name):
@@ -33,7 +33,7 @@ def suite_of(name: str) -> str | None:
 
 
 def member_of(name: str) -> str:
-    """The name of a campaign in its suite."""
+    """Return the name of a campaign in its suite."""
     return name.partition(SEPARATOR)[2]
 
 
@@ -44,9 +44,9 @@ class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
         newest: id of its newest campaign.
         campaigns: number of campaigns of the suite, including earlier runs.
         states: number of campaigns by state.
-        planned: episodes of all of them; `completed` likewise.
-        failures: failures among the completed ones.
-        errored: how many of the campaigns that are done are errored: no episode was completed.
+        planned: number of planned episodes of all campaigns; `completed` likewise.
+        failures: number of failures among the completed episodes.
+        errored: number of errored campaigns: they are done, but did not complete an episode.
     """
 
     name: str
@@ -60,7 +60,7 @@ class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def state_words(self) -> dict[str, int]:
-        """How many campaigns are in each state as people read it, errored ones apart."""
+        """Number of campaigns by state as shown to users, with errored ones counted separately."""
         states = {**self.states}
         done = states.pop(CampaignState.DONE, 0) - self.errored
         words = {state.value: count for state, count in states.items()}
@@ -73,7 +73,7 @@ class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         member: name of the member in the suite.
-        settings: what it has in the columns of its table; what it leaves to the default is absent.
+        settings: its values in the columns of the table; default values are absent.
     """
 
     member: str
@@ -88,12 +88,12 @@ class SuiteTable(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     """A suite, one row for each member.
 
     Attributes:
-        columns: the fields of a campaign in which members differ, by their last word where that
-            tells them apart, else by their whole path.
-        members: members in the order in which they were first created.
+        columns: campaign fields that differ between members, named by the last word of their path
+            if it is unique, else by the whole path.
+        members: members in the order of their first creation.
         earlier: number of earlier campaigns that are replaced by a newer one of the same name.
-        left_out: members beyond the most that a table holds, the oldest ones.
-        over_seeds: mean and spread of the members that differ in their seeds alone, group by group.
+        left_out: number of members beyond the maximum of a table, which are the oldest ones.
+        over_seeds: mean and spread of the members that differ only in their seeds, group by group.
     """
 
     suite: str

@@ -9,23 +9,23 @@ from eigenfail.values.showing import Brief, Shown
 
 
 class MeanTime(msgspec.Struct, frozen=True):
-    """A mean over n episodes [s]; None over none."""
+    """A mean over n episodes [s]; None if n is 0."""
 
     mean_s: float | None = None
     n: int = 0
 
 
 class Conflicts(msgspec.Struct, frozen=True):
-    """The completed episodes of a campaign by conflict class, and how early collisions showed.
+    """The completed episodes of a campaign by conflict class, with lead times of collisions.
 
     Attributes:
         unavoidable: collisions that braking could not avoid once they showed.
         planner_failures: collisions that braking could have avoided.
-        unclassified: collisions of which too little was measured to class them.
+        unclassified: collisions with too few measurements for a class.
         near_misses: MinTTC < 1.5 s without a collision.
-        allowed: collisions that no requirement forbids; they are no failures, and in no class.
-        ttc_lead: time from the first violation of MinTTC to the collision.
-        drac_lead: time from the first violation of DRAC to the collision.
+        allowed: collisions that no requirement forbids; they are not failures, and not in a class.
+        ttc_lead: mean time from the first violation of MinTTC to the collision.
+        drac_lead: mean time from the first violation of DRAC to the collision.
     """
 
     unavoidable: int = 0
@@ -38,7 +38,7 @@ class Conflicts(msgspec.Struct, frozen=True):
 
     @property
     def collisions(self) -> int:
-        """Failures by collision, of any class; other failures are violations without one."""
+        """Number of failures by collision, of any class; all other failures are violations."""
         return self.unavoidable + self.planner_failures + self.unclassified
 
 
@@ -46,19 +46,19 @@ UPPER_BOUNDS = "Upper bounds count such episodes as failures."
 
 
 class Unresolved(msgspec.Struct, frozen=True):
-    """Episodes that count as safe because they ended: braking could not avoid a collision any more.
+    """Episodes that ended safe when braking could no longer avoid a collision.
 
     Attributes:
-        count: how many; none of them is a failure.
-        horizon_s: how long an episode without a collision lasts, the longest where that varies [s];
-            None if steps have no duration, or the scenario is not known here.
+        count: number of unresolved episodes; they are not failures.
+        horizon_s: duration of an episode without a collision, the longest one if it varies [s];
+            None if the duration of a step is undefined, or the scenario is unknown here.
     """
 
     count: int = 0
     horizon_s: float | None = None
 
     def words(self, completed: int) -> str:
-        """Return sentences on episodes that ended before a sure collision; empty if none did."""
+        """Return sentences on the unresolved episodes; empty without any."""
         if not self.count:
             return ""
         within = "" if self.horizon_s is None else f" within {self.horizon_s:g} s"
@@ -72,10 +72,10 @@ class Errored(msgspec.Struct, frozen=True):
     """Episodes of a campaign that could not be completed, and their most frequent reason.
 
     Attributes:
-        count: number of errored episodes; a rate leaves them out, and its upper bound counts them
-            as failures.
+        count: number of errored episodes. Rates leave them out, and upper bounds count them as
+            failures.
         kind: kind of the most frequent reason: infrastructure, simulator, planner, solver or input.
-        reason: the most frequent reason, in words; of equally frequent ones the earliest.
+        reason: the most frequent reason, in words; among equally frequent ones, the earliest.
         times: number of episodes with that reason.
         first: index of the first episode with that reason.
     """
@@ -90,7 +90,7 @@ class Errored(msgspec.Struct, frozen=True):
         """Return a sentence on the errored episodes; empty if there are none.
 
         Args:
-            counts: counts of the same campaign; a rate counts its completed episodes alone.
+            counts: counts of the same campaign; its rate is over the completed episodes.
         """
         if not self.count:
             return ""
@@ -107,7 +107,7 @@ class Errored(msgspec.Struct, frozen=True):
 
     @property
     def most_frequent(self) -> str:
-        """The most frequent reason in a sentence, with its kind; empty if it is not known."""
+        """The most frequent reason in a sentence, with its kind; empty if unknown."""
         if not self.times:
             return ""
         times = "" if self.times == self.count else f", {self.times:,} times"
@@ -118,19 +118,19 @@ class Summary(Shown, msgspec.Struct, frozen=True):
     """The row of a campaign in a result table.
 
     Attributes:
-        failure_rate: of collisions within the horizon among completed episodes; None before the
+        failure_rate: failure rate over the completed episodes, within the horizon; None before the
             first one.
         mean_log_probability: mean log-probability of the failures, summed over their steps.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
         mean_severity: mean severity of the failures [m²/s²].
-        estimate: estimate of the failure probability under p(x); None if the method gives none,
-            or none yet.
-        unresolved: episodes that are no failures only because they ended.
+        estimate: estimate of the failure probability under p(x); None if the method does not give
+            one, or has not yet.
+        unresolved: episodes that are safe only because they ended.
         errored: episodes that could not be completed, with their most frequent reason.
-        reach: reach of a campaign that ended without a failure: which disturbances its method
-            cannot choose, and what to do; empty if the method can choose any.
-        rate_note: how the failure rate under p(x) is estimated where a stop rule judged failures;
+        reach: for a campaign that ended without a failure: disturbances that its method cannot
+            choose, and what to do; empty if the method can choose any.
+        rate_note: how the failure rate under p(x) is estimated if a stop rule judged failures;
             empty for other campaigns.
         first_failure: index of the first episode that failed; None without one.
     """
@@ -155,7 +155,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
 
     @property
     def remark(self) -> str:
-        """The remarks on the rate, and why there is no failure probability; empty if none."""
+        """The remarks on the rate, and why the failure probability is missing; empty if none."""
         problem = self.estimate.problem if self.estimate else ""
         no_probability = f"No failure probability: {problem}" if problem else ""
         return " ".join(filter(None, (self.rate_remark, no_probability)))
@@ -170,22 +170,22 @@ class Summary(Shown, msgspec.Struct, frozen=True):
 
 
 MOST_BLOCKS = 1_000
-"""How many blocks a course has at most."""
+"""Maximum number of blocks of a course."""
 
 
 class BlockTotals(msgspec.Struct, frozen=True):
     """Sums over the completed episodes with an index from `first` to before the next block.
 
     Attributes:
-        first: a multiple of the block's length.
-        completed: at least one.
-        failures: failures among them.
+        first: first index, a multiple of the block's length.
+        completed: number of completed episodes, at least one.
+        failures: number of failures among them.
         errored: number of episodes that errored.
-        unresolved: number of safe ones that are unresolved.
+        unresolved: number of safe episodes that are unresolved.
         log_probability: sum of log p over all steps of the failures.
-        steps: steps of the failures.
-        smallest_robustness_m: None if nothing was measured.
-        median_robustness_m: median; None if nothing was measured.
+        steps: number of steps of the failures.
+        smallest_robustness_m: smallest robustness; None if robustness was not measured.
+        median_robustness_m: median robustness; None if robustness was not measured.
     """
 
     first: int
@@ -200,14 +200,14 @@ class BlockTotals(msgspec.Struct, frozen=True):
 
 
 class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
-    """Figures of consecutive episodes of a campaign: of the completed ones only.
+    """Figures of consecutive completed episodes of a campaign.
 
     Attributes:
         first: smallest index.
         last: largest index.
-        failure_rate: collisions ÷ completed episodes, with its interval.
+        failure_rate: failure rate over the completed episodes, with its interval.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
-            their steps ÷ steps; None without one.
+            their steps ÷ steps; None without a failure.
     """
 
     first: int
@@ -219,12 +219,12 @@ class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Course(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
-    """A campaign over its episodes.
+    """Course of a campaign over its episodes.
 
     Attributes:
-        heading: "Learning curve" of a method that learns, else "Failures over episodes".
-        per: how many indices a block spans.
-        blocks: blocks in index order; those without a completed episode are left out.
+        heading: "Learning curve" for a method that learns, else "Failures over episodes".
+        per: number of indices in a block.
+        blocks: blocks in index order; blocks without a completed episode are left out.
     """
 
     campaign: int
@@ -235,14 +235,14 @@ class Course(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
 
 MOST_SAMPLES = 2_000
-"""How many episodes a chart shows at most."""
+"""Maximum number of episodes in a chart."""
 
 
 class EpisodeSample(msgspec.Struct, frozen=True):
-    """An episode that was completed, and how near it came.
+    """Outcome and robustness of a completed episode.
 
     Attributes:
-        robustness_m: None if it was not measured. [m]
+        robustness_m: robustness; None if it was not measured. [m]
     """
 
     index: int
@@ -251,16 +251,16 @@ class EpisodeSample(msgspec.Struct, frozen=True):
 
 
 MOST_LANDINGS = 200
-"""How many points a curve of cost has at most, beside its ends."""
+"""Maximum number of points of a cost curve, without its ends."""
 
 
 class StoredProgress(msgspec.Struct, frozen=True):
-    """How far a campaign had come when a result was stored.
+    """Progress of a campaign when a result was stored.
 
     Attributes:
-        at_ms: when that was, since 1970.
-        completed: episodes until then, this one included.
-        failures: failures among them.
+        at_ms: time of storage, in milliseconds since 1970.
+        completed: number of episodes completed until then, including this one.
+        failures: number of failures among them.
     """
 
     at_ms: int
@@ -269,13 +269,13 @@ class StoredProgress(msgspec.Struct, frozen=True):
 
 
 class SpendingTotals(msgspec.Struct, frozen=True):
-    """What the store knows of the time in a campaign's episodes.
+    """Totals of the worker time in a campaign's episodes, from the store.
 
     Attributes:
         completed_worker_s: sum of `wall_s` over the completed episodes.
-        errored_worker_s: over those that errored.
-        progress: every k-th completed episode by the time that it was stored, then by index, and
-            the last one.
+        errored_worker_s: sum of `wall_s` over the errored episodes.
+        progress: every k-th completed episode and the last one, by time of storage, then by
+            index.
     """
 
     completed_worker_s: float = 0.0
@@ -289,9 +289,9 @@ class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         usd: price per instance-hour × instance-hours until then.
         active_s: time during which the campaign had been running.
-        completed: episodes.
-        failures: failures among them.
-        modes: distinct modes of which a failure was among them; None if none are known.
+        completed: number of completed episodes.
+        failures: number of failures among them.
+        modes: number of distinct modes with a failure among them; None if modes are unknown.
     """
 
     usd: float
@@ -306,17 +306,17 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         active_s: time during which the campaign was running.
-        simulation_s: time in which at least one episode was with a worker, less `lost_s`.
-        startup_s: no episode was with a worker, and a learner worked whose method does not learn:
-            it started, or proposed noise; 0 of a method that learns.
-        learning_s: no episode was with a worker, and the learner of a method that learns worked;
-            its start included.
-        waiting_s: neither: for workers, or for the database.
-        lost_s: part of the time in which episodes were with workers: the share whose results were
-            thrown away: `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
+        simulation_s: time with at least one episode at a worker, minus `lost_s`.
+        startup_s: time of the learner's work without an episode at a worker, for a method that does
+            not learn: it started, or proposed noise. 0 for a method that learns.
+        learning_s: time of the learner's work without an episode at a worker, for a method that
+            learns, its start included.
+        waiting_s: time when neither worked: the campaign waited for workers or for the database.
+        lost_s: share of the time with episodes at workers that was spent on discarded results. The
+            share is `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
         worker_s: worker time in completed episodes, summed over all workers.
-        lost_worker_s: worker time in episodes that errored, in second results of an
-            episode, and in results that the store did not want.
+        lost_worker_s: worker time in errored episodes, in second results of an episode, and in
+            results that the store did not accept.
     """
 
     active_s: float
@@ -334,16 +334,16 @@ class CampaignCost(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         price_usd_per_hour: price of one instance.
-        instances: how many it occupied while it ran.
-        completed: episodes.
-        failures: failures among them.
+        instances: number of instances that the campaign occupied while it ran.
+        completed: number of completed episodes.
+        failures: number of failures among them.
         cost: cost, total and per failure, with its interval or lower bound.
-        analysis: the newest of this campaign that is done; None without one.
-        modes: distinct modes that it has failures of; None if none are known.
-        per_mode_usd: total ÷ modes; None if none are known.
-        modes_in_words: how many there are and why, or why they are not known.
-        curve: curve from nothing spent to everything, in order of time.
-        time: what the time went into.
+        analysis: id of the newest finished analysis of this campaign; None without one.
+        modes: number of distinct modes with failures of the campaign; None if modes are unknown.
+        per_mode_usd: total ÷ modes; None if modes are unknown.
+        modes_in_words: number of modes with the reason, or why modes are unknown.
+        curve: cost curve from nothing spent to everything, in order of time.
+        time: breakdown of the time.
         notes: which figures are approximate, and why.
     """
 

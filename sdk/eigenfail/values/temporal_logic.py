@@ -1,16 +1,17 @@
 """Formulas of signal temporal logic, and how robustly a course satisfies them.
 
-Robustness is that of Donzé and Maler (Robust Satisfaction of Temporal Logic over Real-Valued
-Signals, 2010, definition 3), at the steps of a course: a comparison has the difference of its
-sides, `not` its negative, `and` and `always` the smallest value, `or` and `eventually` the largest.
-The first part of `until` need not hold at the step at which the second does, as in linear temporal
-logic over steps. Bounds are in seconds.
+Robustness is defined as by Donzé and Maler (Robust Satisfaction of Temporal Logic over Real-Valued
+Signals, 2010, definition 3), at the steps of a course. A comparison has the difference of its
+sides, `not` the negative of its part, `and` and `always` the smallest value, `or` and `eventually`
+the largest. As in linear temporal logic over steps, the first part of `until` need not hold at the
+step when the second part holds. Bounds are in seconds.
 
-Steps before the start and behind the end of a course do not count. An operator on time whose
-window holds no step is not judged there: its robustness is NaN. What is not judged carries on as in
-Kleene's logic: `and` is violated if a part is violated, `or` is satisfied if a part is satisfied,
-and otherwise neither is judged; `not` of it is not judged. An operator on time leaves out the steps
-at which its part is not judged, and is not judged if none is left.
+Steps before the start and after the end of a course do not count. If the window of a temporal
+operator is empty at a step, the operator is not judged there: its robustness is NaN. Parts that are
+not judged count as unknown in Kleene's logic. `and` is violated if a part is violated, and `or` is
+satisfied if a part is satisfied. Otherwise, they are not judged if a part is not judged. `not` is
+judged only if its part is. A temporal operator leaves out steps at which its part is not judged,
+and is not judged if none is left.
 
     formula      = disjunction [ "implies" formula ]
     disjunction  = conjunction { "or" conjunction }
@@ -40,13 +41,13 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values.signals import Samples
 
 LONGEST: Final = 1_000
-"""Characters of a formula."""
+"""Maximum length of a formula [characters]."""
 
 LARGEST: Final = 1e12
-"""Number in a formula."""
+"""Largest number in a formula."""
 
 DEEPEST: Final = 50
-"""Operators and parentheses of a formula inside each other."""
+"""Maximum number of operators and parentheses inside each other."""
 
 REMEDY: Final = "docs/requirements.md shows what a formula may hold."
 
@@ -54,7 +55,7 @@ Signals = Mapping[str, Samples]
 
 
 class TimeBounds(NamedTuple):
-    """The times that an operator looks at, from the step that it is evaluated at. [s]"""
+    """Time bounds of an operator, relative to the step of its evaluation. [s]"""
 
     first_s: float
     last_s: float
@@ -71,9 +72,9 @@ class Node(ABC):
     """A part of a formula.
 
     Attributes:
-        parts: the parts inside it.
-        bounds: what it looks at, of an operator on time that has bounds.
-        looks_ahead: whether it looks at later steps.
+        parts: the parts inside this part.
+        bounds: time bounds, for a temporal operator with bounds.
+        looks_ahead: whether it uses later steps.
     """
 
     parts: tuple["Node", ...] = ()
@@ -82,14 +83,14 @@ class Node(ABC):
 
     @abstractmethod
     def evaluate(self, signals: Signals, dt_s: float) -> Samples:
-        """Return its value at each step."""
+        """Return the value of the part at each step."""
 
     def list_nodes(self) -> list["Node"]:
-        """Return it and all parts inside it."""
+        """Return this part and all parts inside it."""
         return [self, *[node for part in self.parts for node in part.list_nodes()]]
 
     def find_horizon(self) -> float:
-        """Return how far bounds inside each other look ahead; without bounds, to the end. [s]"""
+        """Return how far nested bounds look ahead; operators without bounds add 0. [s]"""
         inside = max([0.0, *[part.find_horizon() for part in self.parts]])
         return inside + self.bounds.last_s if self._adds_horizon else inside
 
@@ -121,7 +122,7 @@ class SignalName(Node):
 
 
 class Combination(Node):
-    """Parts that are combined step by step."""
+    """A combination of parts, step by step."""
 
     def __init__(self, combine: Callable[..., Samples], *parts: Node) -> None:
         self._combine = combine
@@ -159,7 +160,7 @@ class Window(Node):
         self._smallest = word in {"always", "historically"}
 
     def evaluate(self, signals: Signals, dt_s: float) -> Samples:
-        """Return the extreme value over the steps that it looks at."""
+        """Return the extreme value over the steps in the window."""
         (part,) = self.parts
         values = _spread(part.evaluate(signals, dt_s), signals)
         # The past is the future of the reversed course: one way of counting serves both.
@@ -187,7 +188,7 @@ class Until(Node):
         self.looks_ahead = word == "until"
 
     def evaluate(self, signals: Signals, dt_s: float) -> Samples:
-        """Return the best step to reach: the second part there, the first part before it."""
+        """Return the robustness at the best step: second part there, first part before it."""
         left, right = (_spread(part.evaluate(signals, dt_s), signals) for part in self.parts)
         if not self.looks_ahead:
             left, right = left[::-1], right[::-1]
@@ -211,13 +212,13 @@ class Until(Node):
 
 
 def _spread(values: Samples, signals: Signals) -> Samples:
-    """Return values for every step, also of a part without a signal."""
+    """Return values for every step, even for a part without a signal."""
     steps = len(next(iter(signals.values())))
     return np.broadcast_to(values, (steps,))
 
 
 class Token(NamedTuple):
-    """A word, number or sign, and where it begins; the first character is 1."""
+    """A word, number or sign, and the place of its first character, counted from 1."""
 
     text: str
     character: int
@@ -232,10 +233,10 @@ _WORDS: Final = _WINDOWS | {"until", "since", "and", "or", "not", "implies", "ab
 
 
 class FormulaParser:
-    """Reads one formula.
+    """Parser of one formula.
 
     Raises:
-        InvalidValue: it is none.
+        InvalidValue: the text is not a formula.
     """
 
     def __init__(self, formula: str, field: str) -> None:
@@ -271,7 +272,7 @@ class FormulaParser:
         return self._tokens[self._place].text in texts
 
     def _take(self, *texts: str) -> str:
-        """Return the next token if it is one of these, and go on behind it; else nothing."""
+        """Return the next token and move past it if it is among the texts; else an empty text."""
         if not self._at(*texts):
             return ""
         self._place += 1
@@ -295,7 +296,7 @@ class FormulaParser:
         return Combination(find_larger, Combination(np.negative, left), self._read_formula())
 
     def _read_chain(self, word: str) -> Node:
-        """Return operands with `or` between them, or with `and`, which binds closer."""
+        """Return operands with `or` between them, or with `and`, which binds more tightly."""
 
         def read() -> Node:
             return self._read_chain("and") if word == "or" else self._read_operand()
@@ -322,7 +323,7 @@ class FormulaParser:
 
     @contextmanager
     def _nest(self) -> Iterator[None]:
-        """Count one more operator or parenthesis inside the others, and refuse too many."""
+        """Count one more nested operator or parenthesis, and refuse too many."""
         # Parser and evaluation recurse: a formula of a request must not exhaust Python's stack.
         self._depth += 1
         if self._depth > DEEPEST:
@@ -334,7 +335,7 @@ class FormulaParser:
             self._depth -= 1
 
     def _begins_group(self) -> bool:
-        """Return whether the parenthesis that is next holds a formula, and not a sum."""
+        """Return whether the next parenthesis holds a formula, and not a sum."""
         if not self._at("("):
             return False
         open_ones = 0
@@ -426,7 +427,7 @@ def parse_formula(formula: str, field: str = "formula") -> Node:
     """Return a formula that can be evaluated.
 
     Raises:
-        InvalidValue: it is none, or names no signal.
+        InvalidValue: the text is not a formula, or does not name a signal.
     """
     found = FormulaParser(formula, field).parse()
     if not list_names(found):
@@ -447,9 +448,9 @@ def check_formula(
     """Refuse a formula that cannot be judged on an episode of this duration.
 
     Raises:
-        UnknownName: a signal that does not exist, with those that do.
-        InvalidValue: it is no formula; a bound is no multiple of a step; or it looks further ahead
-            than an episode lasts.
+        UnknownName: a signal does not exist; the error lists the known ones.
+        InvalidValue: the text is not a formula, a bound is not a multiple of a step, or the formula
+            looks further ahead than an episode lasts.
     """
     found = parse_formula(formula, field)
     for name in sorted(list_names(found)):
@@ -476,10 +477,10 @@ def evaluate_formula(formula: str, dt_s: float, signals: Signals) -> float | Non
     """Return the robustness of a formula at the start of a course; None if it is not judged.
 
     Args:
-        formula: as `check_formula` lets it pass.
+        formula: a formula that `check_formula` accepts.
         dt_s: time between two values.
-        signals: values by name, all finite and of the same length, of those in the formula at
-            least.
+        signals: values by name, all finite and of the same length, at least for the signals in the
+            formula.
     """
     found = float(parse_formula(formula).evaluate(signals, dt_s)[0])
     return None if isnan(found) else found

@@ -1,6 +1,6 @@
 """Triage of failure modes: state, ticket and one note.
 
-None of it enters a digest: triage is an assessment of a result, and no part of it.
+Digests do not cover triage: it is an assessment of a result, not a part of it.
 """
 
 from enum import StrEnum
@@ -21,7 +21,7 @@ class TriageState(StrEnum):
     """State of the triage of a failure mode.
 
     `new`: not assessed yet. `confirmed`: a fault of the planner. `known`: a fault that was found
-    before. `fixed`: a fault that a later version does not have. `not_a_bug`: needs no change.
+    before. `fixed`: a fault that is gone in a later version. `not_a_bug`: needs no change.
     """
 
     NEW = "new"
@@ -42,9 +42,9 @@ class Triage(msgspec.Struct, frozen=True):
     Attributes:
         state: state of the triage.
         ticket: address of its ticket, beginning with http:// or https://; empty without one.
-        note: what was found out about it; empty without a note.
-        changed_ms: when it was changed last; None if it never was. [ms since 1970]
-        changed_by: name of the key that changed it last; `loopback` or `network` if no key is
+        note: findings on the mode; empty without a note.
+        changed_ms: time of the last change; None if it never changed. [ms since 1970]
+        changed_by: name of the key of the last change; `loopback` or `network` if no key is
             required.
     """
 
@@ -56,12 +56,12 @@ class Triage(msgspec.Struct, frozen=True):
 
 
 class TriageChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A change of triage; fields that are null do not change.
+    """A change of triage; null leaves a field unchanged.
 
     Attributes:
         state: the new state.
         ticket: address of its ticket; empty for none.
-        note: the new note, in place of the one before; empty for none.
+        note: the new note, which replaces the old one; empty for none.
     """
 
     state: TriageState | None = None
@@ -70,7 +70,7 @@ class TriageChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def change_triage(before: Triage, change: TriageChange, at_ms: int, who: str) -> Triage:
-    """Return the triage after a change; the same object if nothing is other than before."""
+    """Return the triage after a change; the same object if nothing changed."""
     after = msgspec.structs.replace(
         before,
         state=before.state if change.state is None else change.state,
@@ -83,11 +83,11 @@ def change_triage(before: Triage, change: TriageChange, at_ms: int, who: str) ->
 
 
 def check_change(change: TriageChange) -> TriageChange:
-    """Return a change without white space around its texts.
+    """Return a valid change without white space around its texts.
 
     Raises:
-        InvalidValue: the note has a character that cannot be printed, or the ticket is no http or
-            https address.
+        InvalidValue: the note has a character that cannot be printed, or the ticket is not an http
+            or https address.
     """
     return msgspec.structs.replace(
         change,

@@ -1,13 +1,17 @@
 """Scenario parameters that vary from episode to episode.
 
-In place of a value a parameter may have a distribution: `{"uniform": [52.0, 70.0]}`, both ends
-included, of whole numbers where the parameter is one; `{"choice": [1.9, 2.0, 2.1]}`, each as
-likely; `{"normal": [58.0, 3.0], "within": [52.0, 70.0]}`, a normal distribution by mean and
-standard deviation, cut off at the ends of `within`; or `{"empirical": [57.1, 60.4, 58.8]}`, the
-distribution of a sample. A value is drawn from the episode's own seed, so that nothing has to
-travel or be kept; or, where a channel `scenario.NAME` makes the parameter a part of the search, it
-is the quantile that belongs to the channel's z. Parameters that are searched may be correlated, by
-a Gaussian copula.
+In place of a value, a parameter may have a distribution:
+
+- `{"uniform": [52.0, 70.0]}`: uniform, both ends included; whole numbers for a whole-number
+  parameter.
+- `{"choice": [1.9, 2.0, 2.1]}`: one value of a list, each with the same probability.
+- `{"normal": [58.0, 3.0], "within": [52.0, 70.0]}`: normal by mean and standard deviation, cut off
+  at the ends of `within`.
+- `{"empirical": [57.1, 60.4, 58.8]}`: the distribution of a sample.
+
+A value is drawn from the episode's seed, and need not be sent or stored. If a channel
+`scenario.NAME` makes the parameter a part of the search, its value is the quantile of the channel's
+z instead. Searched parameters may be correlated, by a Gaussian copula.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,7 +30,7 @@ from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import convert, read_settings
 
 VARIATION_STREAM = 2
-"""Sets these draws apart from those of the noise and of the scenario, from the same seed."""
+"""Separates these draws from the draws of the noise and of the scenario, with the same seed."""
 
 # Each corner is checked as a campaign is made: more would keep its user waiting.
 MAX_CORNERS = 4096
@@ -35,16 +39,16 @@ Number = int | float
 
 
 class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Anywhere from the first to the second."""
+    """Uniform distribution from the first to the second value."""
 
     uniform: tuple[Number, Number]
 
     def ends(self) -> tuple[Any, ...]:
-        """What has to be within the parameter's bounds."""
+        """Return the values that must be within the parameter's bounds."""
         return self.uniform
 
     def draw(self, random: np.random.Generator, like: Any) -> Number:
-        """A value of the kind that `like` has."""
+        """Return a random value, of the same type as `like`."""
         low, high = self.uniform
         # By the kind of the parameter, not of the ends: [52, 70] may stand for metres.
         if isinstance(like, int):
@@ -53,7 +57,7 @@ class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return min(max(float(random.uniform(low, high)), low), high)
 
     def find_quantile(self, p: float, like: Any) -> Number:
-        """The value of the kind that `like` has below which lies a share p."""
+        """Return the p-quantile, of the same type as `like`."""
         low, high = self.uniform
         if isinstance(like, int):
             # p may be 1.
@@ -62,39 +66,39 @@ class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Choice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One of these."""
+    """Uniform distribution over a list of values."""
 
     choice: Annotated[tuple[Any, ...], msgspec.Meta(min_length=1)]
 
     def ends(self) -> tuple[Any, ...]:
-        """What has to be within the parameter's bounds."""
+        """Return the values that must be within the parameter's bounds."""
         return self.choice
 
     def draw(self, random: np.random.Generator, _like: Any) -> Any:
-        """A value."""
+        """Return a random value."""
         return self.choice[int(random.integers(len(self.choice)))]
 
     def find_quantile(self, p: float, _like: Any) -> Any:
-        """The value below which lies a share p, in the order in which they are given."""
+        """Return the p-quantile, with the values in their given order."""
         return self.choice[min(int(p * len(self.choice)), len(self.choice) - 1)]
 
 
 class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Normal with this mean and standard deviation, given that it is between two ends."""
+    """Normal distribution with mean and standard deviation, truncated to an interval."""
 
     normal: tuple[float, Annotated[float, msgspec.Meta(gt=0.0)]]
     within: tuple[Number, Number]
 
     def ends(self) -> tuple[Any, ...]:
-        """What has to be within the parameter's bounds."""
+        """Return the values that must be within the parameter's bounds."""
         return self.within
 
     def draw(self, random: np.random.Generator, like: Any) -> Number:
-        """A value of the kind that `like` has."""
+        """Return a random value, of the same type as `like`."""
         return self.find_quantile(float(random.random()), like)
 
     def find_quantile(self, p: float, like: Any) -> Number:
-        """The value of the kind that `like` has below which lies a share p."""
+        """Return the p-quantile, of the same type as `like`."""
         mean, deviation = self.normal
         low, high = self.within
         first, last = ((end - mean) / deviation for end in (low, high))
@@ -110,7 +114,7 @@ class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def has_mass(self) -> bool:
-        """Whether the share of the normal distribution between the ends is numerically above 0."""
+        """True if the share of the normal distribution between the ends is numerically above 0."""
         mean, deviation = self.normal
         return min(abs((end - mean) / deviation) for end in self.within) < FARTHEST or (
             self.within[0] <= mean <= self.within[1]
@@ -121,24 +125,24 @@ MOST_SAMPLES = 10_000
 
 
 class Empirical(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """As in a sample: between neighbouring values of n, in order, there is a share of 1 / (n - 1).
+    """Distribution of a sample of n: a share of 1 / (n - 1) between neighbouring sorted values.
 
-    Its quantile is linear between the sorted values, the first at p = 0 and the last at p = 1
-    (definition 7 of Hyndman and Fan 1996, The American Statistician 50, 361-365).
+    The quantile is linear between the sorted values, from the first at p = 0 to the last at p = 1.
+    It is definition 7 of Hyndman and Fan (1996), The American Statistician 50, 361-365.
     """
 
     empirical: Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=MOST_SAMPLES)]
 
     def ends(self) -> tuple[Any, ...]:
-        """What has to be within the parameter's bounds."""
+        """Return the values that must be within the parameter's bounds."""
         return min(self.empirical), max(self.empirical)
 
     def draw(self, random: np.random.Generator, like: Any) -> Number:
-        """A value of the kind that `like` has."""
+        """Return a random value, of the same type as `like`."""
         return self.find_quantile(float(random.random()), like)
 
     def find_quantile(self, p: float, like: Any) -> Number:
-        """The value of the kind that `like` has below which lies a share p."""
+        """Return the p-quantile, of the same type as `like`."""
         ordered = _sort(self.empirical)
         place = min(max(p, 0.0), 1.0) * (len(ordered) - 1)
         below = min(int(place), len(ordered) - 2)
@@ -149,14 +153,14 @@ class Empirical(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @lru_cache(maxsize=64)
 def _sort(values: tuple[Number, ...]) -> list[Number]:
-    """Return values in order; cached, as each episode asks for a quantile of them."""
+    """Return values in order; cached, because each episode needs a quantile of them."""
     return sorted(values)
 
 
 STANDARD = NormalDist()
 
 FARTHEST = 30.0
-"""Beyond it, between two ends on one side of the mean, there is no share to speak of. [sd]"""
+"""An interval beyond this distance on one side of the mean has a share of practically 0. [sd]"""
 
 Distribution = Uniform | Choice | Normal | Empirical
 KINDS: dict[str, type[Distribution]] = {
@@ -172,11 +176,11 @@ class Variation(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     Attributes:
         kind: the scenario's `Parameters`.
-        field: where they stood, for errors.
+        field: path of the parameters, for errors.
         fixed: the values that all episodes share.
-        varied: distributions in the order of their names, which is the order of the draws.
+        varied: distributions by name, in the order of the names, which is the order of draws.
         searched: distributions of the parameters whose quantiles a search chooses, by name.
-        correlations: coefficients of the Gaussian copula of these, by two of their names.
+        correlations: coefficients of the Gaussian copula, by names of two searched parameters.
     """
 
     kind: type[msgspec.Struct]
@@ -187,28 +191,29 @@ class Variation(msgspec.Struct, frozen=True, eq=False, dict=True):
     correlations: Mapping[tuple[str, str], float] = MappingProxyType({})
 
     def draw(self, seed: int, z: Mapping[str, float] = MappingProxyType({})) -> Any:
-        """The parameters of an episode.
+        """Return the parameters of an episode.
 
         Args:
-            seed: of the episode.
-            z: standard normal value of each parameter that is searched.
+            seed: seed of the episode.
+            z: standard normal value of each searched parameter.
 
         Raises:
-            InvalidValue: the scenario refuses them, though it takes those at the ends.
+            InvalidValue: the scenario refuses the values, although it accepts the ends.
         """
         return self._read(self.drawn(seed) | self.place(z))
 
     def drawn(self, seed: int) -> dict[str, Any]:
-        """Those of the episode's parameters that are drawn from its seed, by name."""
+        """Return the parameters that are drawn from the episode's seed, by name."""
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(VARIATION_STREAM,)))
         like = self._like
         return {name: one.draw(random, getattr(like, name)) for name, one in self.varied.items()}
 
     def place(self, z: Mapping[str, float]) -> dict[str, Any]:
-        """The values of parameters that are searched, from the standard normal z of each.
+        """Return the values of the searched parameters, from the standard normal z of each.
 
-        A correlated parameter is the quantile of what the Cholesky factor of the correlations makes
-        of its z and of those before it, which is standard normal, too.
+        For correlated parameters, the Cholesky factor of the correlations first combines each z
+        with the earlier z. The parameter is the quantile of the result, which is standard normal,
+        too.
         """
         return {
             name: self.searched[name].find_quantile(STANDARD.cdf(each), getattr(self._like, name))
@@ -226,20 +231,20 @@ class Variation(msgspec.Struct, frozen=True, eq=False, dict=True):
 
     @cached_property
     def _like(self) -> Any:
-        """Parameters of the right kinds. To read them takes longer than to draw from them."""
+        """Parameters of the right types; cached, because reading takes longer than drawing."""
         return next(self.corners())
 
     def corners(self) -> Iterator[Any]:
-        """The parameters at all combinations of the distributions' ends.
+        """Return the parameters at all combinations of the distributions' ends.
 
         Raises:
-            InvalidValue: some are outside their bounds.
-            UnknownName: the scenario has no such parameter.
+            InvalidValue: a value is outside its bounds.
+            UnknownName: the scenario does not have the parameter.
         """
         return map(self._read, self._combinations())
 
     def largest(self, measure: Callable[[Any], int]) -> int:
-        """The largest measure at any corner; raises as `corners` does."""
+        """Return the largest measure at any corner; raises the same errors as `corners`."""
         return max(map(measure, self.corners()))
 
     def _combinations(self) -> Iterator[dict[str, Any]]:
@@ -254,7 +259,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False, dict=True):
             raise self._explained(error, drawn) from None
 
     def _explained(self, error: InvalidValue, drawn: Mapping[str, Any]) -> InputError:
-        """The complaint, with the value that a distribution gave."""
+        """Return the error, with the values drawn or the unknown distribution."""
         name = error.field.removeprefix(f"{self.field}.")
         given, problem = self.fixed.get(name), error.problem.removeprefix(f"{error.field}: ")
         # A dict that is no distribution is nearly always a misspelt one, as in {"unform": [1, 2]}.
@@ -272,19 +277,19 @@ def read_variation(
     searched: Iterable[str] = (),
     correlations: Mapping[tuple[str, str], float] = MappingProxyType({}),
 ) -> Variation:
-    """A scenario's parameters as a user gave them, checked at the ends of all distributions.
+    """Return a scenario's parameters from user input, checked at the ends of all distributions.
 
     Args:
-        kind: the scenario's `Parameters`; their annotations carry the bounds.
-        given: for each name a value, or a distribution.
-        field: where they stood, for the error.
+        kind: the scenario's `Parameters`; their annotations contain the bounds.
+        given: value or distribution of each parameter, by name.
+        field: path of the parameters, for errors.
         searched: names of the parameters whose quantiles a search chooses.
-        correlations: coefficients of the Gaussian copula of these, by two of their names.
+        correlations: coefficients of the Gaussian copula, by names of two searched parameters.
 
     Raises:
-        UnknownName: no such parameter, or no such distribution.
-        InvalidValue: a value or an end outside its bounds, ends in the wrong order, or more
-            combinations of ends than can be checked.
+        UnknownName: a parameter or distribution does not exist.
+        InvalidValue: a value or an end is outside its bounds, ends are in the wrong order, or there
+            are more combinations of ends than can be checked.
     """
     varied = {
         name: read_distribution(value, f"{field}.{name}")
@@ -309,7 +314,7 @@ def read_variation(
 def make_correlation_matrix(
     names: Sequence[str], correlations: Mapping[tuple[str, str], float]
 ) -> NDArray[np.float64]:
-    """Return the matrix of coefficients between pairs of names, in their order; others are 0."""
+    """Return the correlation matrix, in the order of the names; missing coefficients are 0."""
     matrix = np.eye(len(names))
     for (one, other), coefficient in correlations.items():
         row, column = names.index(one), names.index(other)
@@ -318,11 +323,11 @@ def make_correlation_matrix(
 
 
 def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
-    """A distribution as a user gave it.
+    """Return the distribution that a user gave.
 
     Raises:
-        UnknownName: it has a field besides its kind that is of another kind, or of none.
-        InvalidValue: its ends are not finite numbers in order, or it has no value.
+        UnknownName: the distribution has a field that its kind does not have.
+        InvalidValue: the ends are not finite numbers in order, or values are missing.
     """
     name = next(name for name in KINDS if name in given)
     found: Distribution = convert(given, KINDS[name], field)
@@ -348,7 +353,7 @@ def _unify_sample(found: Empirical, field: str) -> Empirical:
     """Return a sample whose values are all whole numbers, or all floats.
 
     Raises:
-        InvalidValue: one is not finite.
+        InvalidValue: a value is not finite.
     """
     if not all(map(isfinite, found.empirical)):
         raise InvalidValue(f"{field}.empirical", "all values must be finite numbers.")
@@ -368,7 +373,7 @@ def _list_intervals(found: Distribution) -> Iterator[tuple[str, tuple[Number, Nu
 
 
 def in_words(given: Mapping[str, Any]) -> dict[str, str]:
-    """A scenario's parameters as people read them: "uniform 53 … 63", "one of 1.9, 2.0, 2.1"."""
+    """Return a scenario's parameters in words, such as "uniform 53 … 63", "one of 1.9, 2.0"."""
     return {name: _value_in_words(value) for name, value in given.items()}
 
 

@@ -1,7 +1,7 @@
 """Bodies of requests and answers between client and API, and errors as RFC 9457 problems.
 
-JSON through msgspec, arrays as nested lists; both sides read and write with the functions here. The
-client raises the error that the service raised.
+Bodies are JSON through msgspec, with arrays as nested lists. Both sides read and write with the
+functions here. The client raises the error that the service raised.
 """
 
 import re
@@ -30,8 +30,8 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Why a request was refused or failed.
 
     Attributes:
-        type: urn:eigenfail: and the error's name, or about:blank where the status says enough.
-        detail: what was wrong, and where.
+        type: urn:eigenfail: and the error's name, or about:blank if the status is sufficient.
+        detail: description of the problem and its place.
         instance: path of the request.
         field: path of the refused value.
         remedy: what to do next.
@@ -68,7 +68,7 @@ def make_problem(error: errors.EigenfailError, instance: str = "") -> Problem:
 
 
 def make_untyped_problem(status: int, detail: str, instance: str = "", remedy: str = "") -> Problem:
-    """Return a problem for a status that no error of ours has: 405, 413 and the like."""
+    """Return a problem for a status without an eigenfail error, such as 405 or 413."""
     return Problem(
         type=UNTYPED,
         title=HTTPStatus(status).phrase,
@@ -134,18 +134,17 @@ Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
 
 class ModeName(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The name that a failure mode is to have."""
+    """The new name of a failure mode."""
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_MODE_NAME)]
 
 
 class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Scenarios in which an analysis is to be proven by replay.
+    """Scenarios for the proof of an analysis by replay.
 
     Attributes:
-        variations: scenario parameters that replace those of the scenario in which the failures
-            happened; an empty object is the same scenario. None: the same scenario, and its
-            neighbours on both sides.
+        variations: scenario parameters that replace parameters of the failures' scenario; an empty
+            object is the same scenario. None: the same scenario, and its neighbours on both sides.
     """
 
     variations: (
@@ -165,7 +164,7 @@ SHRINK_WITHIN = 2_000
 
 
 class ShrinkRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Search for the least noise with which an episode still fails.
+    """Search for the least noise that still makes an episode fail.
 
     Attributes:
         episodes: budget of replays.
@@ -179,7 +178,7 @@ class Digest(msgspec.Struct, frozen=True):
 
     Attributes:
         episodes: number of results that it covers.
-        final: whether the campaign is over, so that the digest cannot change any more.
+        final: whether the campaign has ended, so that the digest cannot change any more.
     """
 
     campaign: int
@@ -233,7 +232,7 @@ def decode(data: bytes, kind: type[Kind]) -> Kind:
 
 
 def read_body(data: bytes, kind: type[Body]) -> Body:
-    """Return the body of a request; no bytes stand for an object without fields.
+    """Return the body of a request; an empty body is an object without fields.
 
     Raises:
         ProtocolError: the body is not JSON.
@@ -259,7 +258,7 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
 
 
 def read_plain(data: bytes, kind: type[Plain]) -> Plain:
-    """Return the body of a request as plain data; no bytes stand for an empty body.
+    """Return the body of a request as plain data; without bytes, an empty value of `kind`.
 
     Raises:
         ProtocolError: the body is not JSON.
@@ -285,16 +284,16 @@ def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
 
 
 def make_plain(given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
-    """Return fields as plain data: of structs their fields, of numbers and arrays plain ones.
+    """Return fields as plain data: structs as their fields, numbers and arrays as plain ones.
 
     Arrays of numpy, series of pandas, ranges and other sequences become lists.
 
     Args:
         given: values by the names of fields.
-        place: where the fields stand, for the error, such as `[2].`.
+        place: path of the fields, for the error, such as `[2].`.
 
     Raises:
-        InvalidValue: a value is none of these.
+        InvalidValue: a value has another type.
     """
     return {name: _make_plain(f"{place}{name}", value) for name, value in given.items()}
 
@@ -325,8 +324,8 @@ class CampaignCheck(msgspec.Struct, frozen=True):
 
     Attributes:
         spec: full specification, including the defaults of plug-ins; None if there is a problem.
-        problems: everything for which a launch would be refused.
-        notes: what to know before the launch, such as how late a stop rule may take effect.
+        problems: all reasons to refuse a launch.
+        notes: remarks before the launch, such as how late a stop rule may take effect.
     """
 
     spec: CampaignSpec | None

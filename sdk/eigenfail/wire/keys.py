@@ -1,7 +1,7 @@
-"""Keys of hubs and workers as one line of text, in which they are stored and copied.
+"""Keys of hubs and workers as one line of text, for storing and copying.
 
 They are Curve25519 keys of 32 bytes each, for ZeroMQ's CURVE. A worker key holds the worker's
-secret and the hub's public key: its owner can connect to the hub, and cannot pose as the hub.
+secret and the hub's public key: its owner can connect to the hub, but cannot pose as the hub.
 """
 
 import base64
@@ -41,7 +41,7 @@ class AllowedWorker(msgspec.Struct, frozen=True):
     until_ms: int | None = None
 
     def is_valid(self, at_ms: int) -> bool:
-        """Return whether the key has not expired at a moment."""
+        """Return whether the key is still valid at a moment."""
         return self.until_ms is None or at_ms < self.until_ms
 
 
@@ -95,7 +95,7 @@ def read_worker_key(text: str, where: str) -> WorkerKey:
 
     Args:
         text: text of the key.
-        where: the text comes from, for the error.
+        where: source of the text, for the error.
 
     Raises:
         InvalidValue: the text is not a worker key.
@@ -118,7 +118,7 @@ def read_hub_key(text: str, where: str) -> bytes:
 
     Args:
         text: text of the key.
-        where: the text comes from, for the error.
+        where: source of the text, for the error.
 
     Raises:
         InvalidValue: the text is not a hub's public key.
@@ -136,7 +136,7 @@ def encode_key(key: bytes) -> str:
 
 
 def decode_key(text: str, length: int) -> bytes | None:
-    """Return the bytes of a key in URL-safe Base64; None if the text is no key of this length."""
+    """Return the bytes of a key in URL-safe Base64; None if it is not a key of this length."""
     try:
         # `encode_key` left the padding to a multiple of four characters out.
         key = base64.b64decode(text + "=" * (-len(text) % 4), altchars=b"-_", validate=True)
@@ -146,5 +146,5 @@ def decode_key(text: str, length: int) -> bytes | None:
 
 
 def abbreviate_key(public: bytes) -> str:
-    """Return the beginning of a public key, by which lists and logs name it."""
+    """Return the beginning of a public key, its name in lists and logs."""
     return public.hex()[:12]

@@ -1,7 +1,7 @@
 """Messages between hub, workers and learners, their encoding, and pieces of long messages.
 
 Messages are tagged structs in MessagePack; arrays are a shape and little-endian float32 bytes.
-Bytes that do not decode raise ProtocolError and nothing else: nothing in them can run code.
+Bytes that do not decode raise only ProtocolError: messages cannot make the receiver run code.
 """
 
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ _task_encoder = msgspec.msgpack.Encoder(enc_hook=encode_array, order="determinis
 
 
 class Holding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An episode that a worker holds from before, and the fingerprint of its task."""
+    """An episode that a worker already holds, and the fingerprint of its task."""
 
     campaign: _Natural
     index: _Natural
@@ -78,11 +78,11 @@ class Hello(Message, frozen=True):
     Attributes:
         life: random name of the worker's process, the same on each of its connections.
         asked: number of the request. A worker repeats its hello until it is welcomed; repeated
-            ones have the same number and carry nothing new.
-        holdings: the episodes that it holds from before: leased and not begun, running, or finished
-            and not acknowledged.
+            hellos have the same number and the same contents.
+        holdings: episodes that it already holds: leased but not begun, running, or finished but not
+            acknowledged.
         versions: versions of the packages that run its episodes.
-        bridge: whether it has one, so that it can run episodes that need a bridge.
+        bridge: whether it has a bridge, and can run episodes that need a bridge.
     """
 
     protocol: int
@@ -119,7 +119,7 @@ class Heartbeat(Message, frozen=True):
         running: index of the episode that it runs, if any.
         held: campaign and index of all unfinished episodes that it holds, the running one included.
         slots: number of episodes of the running campaign that it can run in parallel.
-        declined: campaigns of which it can run no episode, each with the reason, until they are
+        declined: campaigns whose episodes it cannot run, each with the reason, until they are
             dropped. The key is left out if there are none, as in releases without this field.
     """
 
@@ -284,10 +284,10 @@ class MessageReader:
         self._decoder = msgspec.msgpack.Decoder(kinds, dec_hook=decode_array)
 
     def __call__(self, data: bytes | memoryview) -> Message:
-        """Return the message in these bytes.
+        """Decode the bytes of a message.
 
         Raises:
-            ProtocolError: they are no message of this direction, or too long.
+            ProtocolError: they are not a message of this direction, or too long.
         """
         if len(data) > MAX_MESSAGE_BYTES:
             raise ProtocolError(f"A message of {len(data)} bytes exceeds {MAX_MESSAGE_BYTES}.")
@@ -310,7 +310,7 @@ _foreign_decoder = msgspec.msgpack.Decoder(ForeignHello)
 
 
 def read_foreign_hello(data: bytes) -> ForeignHello | None:
-    """Return the hello of a worker of another release; None if the bytes are no hello."""
+    """Return the hello of a worker of another release; None if the bytes are not a hello."""
     try:
         return _foreign_decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -343,11 +343,11 @@ _numbers = count(1)
 
 
 def split(message: Message, max_bytes: int = MAX_MESSAGE_BYTES) -> Iterator[bytes]:
-    """Yield the frames of a message, in the order in which they are to be sent.
+    """Yield the frames of a message, in the order of sending.
 
     Args:
         message: message to be sent.
-        max_bytes: the longest message that the other side joins.
+        max_bytes: longest message that the receiver joins.
 
     Raises:
         ProtocolError: the message is longer.
@@ -366,13 +366,13 @@ def split(message: Message, max_bytes: int = MAX_MESSAGE_BYTES) -> Iterator[byte
 
 
 class Assembler:
-    """Joins the pieces that one connection brings; one message at a time.
+    """Joiner of the pieces of one connection, one message at a time.
 
-    A message of which a piece was lost is dropped whole: its sender repeats it when it learns that
-    it did not arrive, like any other message.
+    If a piece is lost, the whole message is dropped. Its sender repeats it, like any other message,
+    when it learns that the message did not arrive.
 
     Args:
-        max_bytes: the longest message that is joined.
+        max_bytes: longest message that is joined.
     """
 
     def __init__(self, max_bytes: int = MAX_MESSAGE_BYTES) -> None:

@@ -1,1 +1,1 @@
-"""What failures have in common, and what they cost; pure functions over values."""
+"""Common causes and costs of failures, as pure functions over values."""

@@ -1,4 +1,4 @@
-"""Noise of failures of different length, aligned at the start or at the collision."""
+"""Align the noise of failures of different length at the start or at the collision."""
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -16,40 +16,40 @@ from eigenfail.values.records import Failures
 from eigenfail_services.analysis.footprints import Contact
 
 BLOCK = 4096
-"""How many rows are in double precision at a time."""
+"""Number of rows that are converted to double precision at a time."""
 
 
 class Alignment(Protocol):
-    """Where an episode stands within the horizon."""
+    """Placement of an episode within the horizon."""
 
     def place(self, steps: int, horizon: int) -> slice:
         """Return the rows that an episode of n steps fills; the others hold no noise."""
 
     def reference(self, steps: Sequence[int], horizon: int) -> int:
-        """The number of steps that stands for all of these episodes."""
+        """Return one number of steps that represents all given episodes."""
 
 
 class AtStart:
-    """First step on first step; after the collision no noise is injected."""
+    """Aligns first steps; rows after the collision hold no noise."""
 
     def place(self, steps: int, _horizon: int) -> slice:
-        """From the first row on."""
+        """Return the rows from the first one on."""
         return slice(0, steps)
 
     def reference(self, _steps: Sequence[int], horizon: int) -> int:
-        """The horizon: nothing moves on the way back."""
+        """Return the horizon: nothing moves on the way back."""
         return horizon
 
 
 class AtCollision:
-    """Collision on collision: a row is a time before the impact."""
+    """Aligns collisions: a row is a time before the impact."""
 
     def place(self, steps: int, horizon: int) -> slice:
-        """Up to the last row."""
+        """Return the rows up to the last one."""
         return slice(horizon - steps, horizon)
 
     def reference(self, steps: Sequence[int], _horizon: int) -> int:
-        """The median, and of two middle ones the longer: the impact comes when it usually did."""
+        """Return the median (longer of two middle ones): the impact comes at its usual time."""
         return median_steps(steps)
 
 
@@ -57,15 +57,15 @@ ALIGNMENTS: dict[str, Alignment] = {"start": AtStart(), "collision": AtCollision
 
 
 def choose_columns(axes: str, channels: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of z that an analysis is of.
+    """Return the columns of z that are analysed.
 
     Args:
-        axes: as in the settings: `joint`, the name of a channel, or a name such as
-            `every.lateral` for the channels of that quantity of all vehicles.
+        axes: as in the settings: `joint`, the name of a channel, or a name such as `every.lateral`
+            for that quantity of all vehicles.
         channels: the names of all columns.
 
     Raises:
-        UnknownName: no such channel.
+        UnknownName: the channel does not exist.
     """
     groups = {JOINT: tuple(range(len(channels))), **_group_vehicles(channels)}
     chosen = groups | {name: (column,) for column, name in enumerate(channels)}
@@ -85,18 +85,21 @@ def _group_vehicles(channels: Sequence[str]) -> dict[str, tuple[int, ...]]:
 
 
 def median_steps(steps: Sequence[int]) -> int:
-    """The median length of some episodes; of two middle ones the longer."""
+    """Return the median length of some episodes (the longer of two middle lengths)."""
     return int(np.quantile(steps, 0.5, method="higher"))
 
 
 class Motion(NamedTuple):
-    """The acceleration of the ego in failures, and what it collided with.
+    """The acceleration of the ego in failures, and the vehicles that it hit.
 
     Attributes:
-        origin: `collision`: of each failure the last steps count. `start`: all steps do.
+        origin: `collision` if only the last steps of each failure count, `start` if all steps
+            count.
         step_s: duration of a step. [s]
-        accelerations: acceleration in these steps by campaign and index of the episode. [m/s²]
-        contacts: what the ego collided with, likewise; of failures of which that is known.
+        accelerations: acceleration in the steps that count, by campaign and index of the episode.
+            [m/s²]
+        contacts: the vehicle that the ego hit, by the same keys, for the failures with a known
+            contact.
     """
 
     origin: Literal["collision", "start"]
@@ -106,18 +109,18 @@ class Motion(NamedTuple):
 
 
 class Aligned(NamedTuple):
-    """Failures side by side.
+    """Failures in one array, aligned with each other.
 
     Attributes:
         campaigns: id of the campaign of each, shape (failures,).
-        episodes: its index there, shape (failures,).
+        episodes: index of each episode in its campaign, shape (failures,).
         steps: length of each, shape (failures,).
         noise: z, shape (failures, horizon, channels). [sigma]
-        alignment: how they were put there.
-        columns: those of z that are analysed.
+        alignment: how the failures were aligned.
+        columns: analysed columns of z.
         channels: the names of all columns of z.
-        motion: what the ego did in these failures, among others; None if it is not known.
-        step_s: duration of a step; None if it has none, or is not known. [s]
+        motion: motion of the ego in these failures and possibly in others; None if unknown.
+        step_s: duration of a step; None if it does not exist or is unknown. [s]
     """
 
     campaigns: NDArray[np.int64]
@@ -132,18 +135,18 @@ class Aligned(NamedTuple):
 
     @property
     def horizon(self) -> int:
-        """Steps of a full episode."""
+        """Number of steps of a full episode."""
         return int(self.noise.shape[1])
 
     @property
     def data(self) -> Floats:
-        """D: one row for each failure, shape (failures, horizon · columns)."""
+        """D, with one row for each failure, shape (failures, horizon · columns)."""
         if len(self.columns) == len(self.channels):
             return self.noise.reshape(len(self.noise), -1)
         return np.ascontiguousarray(self.noise[:, :, self.columns]).reshape(len(self.noise), -1)
 
     def take(self, rows: NDArray[np.intp]) -> "Aligned":
-        """The failures in some rows."""
+        """Return the failures in some rows."""
         return self._replace(
             campaigns=self.campaigns[rows],
             episodes=self.episodes[rows],
@@ -153,11 +156,11 @@ class Aligned(NamedTuple):
 
     @property
     def order(self) -> NDArray[np.intp]:
-        """The rows by campaign and episode."""
+        """Order of the rows by campaign and episode."""
         return np.lexsort((self.episodes, self.campaigns))
 
     def by_step(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rows like those of D, shape (rows, horizon, channels); a channel left out is zero."""
+        """Reshape rows of D to (rows, horizon, channels); channels left out are zero."""
         placed = np.zeros((len(rows), self.horizon, len(self.channels)))
         placed[:, :, self.columns] = rows.reshape(len(rows), self.horizon, len(self.columns))
         return placed
@@ -165,14 +168,14 @@ class Aligned(NamedTuple):
     def injectable(
         self, noise: NDArray[np.float64], members: NDArray[np.intp]
     ) -> NDArray[np.float64]:
-        """Noise in the place of `members`, taken back to the start: z, both (horizon, channels)."""
+        """Return z: noise of `members`, moved back to the start. Both have (horizon, channels)."""
         steps = self.alignment.reference(self.steps[members].tolist(), self.horizon)
         z = np.zeros((self.horizon, len(self.channels)))
         z[:steps] = noise[self.alignment.place(steps, self.horizon)]
         return z
 
     def at_collision(self) -> "Aligned":
-        """The same failures, collision on collision."""
+        """Return the same failures, aligned at the collision."""
         there = ALIGNMENTS["collision"]
         if self.alignment is there:
             return self
@@ -183,9 +186,9 @@ class Aligned(NamedTuple):
         return self._replace(noise=noise, alignment=there)
 
     def runs(self) -> Iterator[NDArray[np.float64]]:
-        """The noise without what fills it up, in blocks of one length.
+        """Yield the noise without padding, in blocks of failures of one length.
 
-        Each has the shape (rows, their steps, channels).
+        The shape of a block is (rows, length of its failures, channels).
         """
         # Failures of one length make an array without gaps.
         for steps in np.unique(self.steps).tolist():
@@ -196,14 +199,14 @@ class Aligned(NamedTuple):
 
 
 def check_clusterer(settings: AnalysisSettings) -> None:
-    """Raises InvalidValue for a number of groups that the clusterer would not heed."""
+    """Raise InvalidValue if a number of groups is set that the clusterer would ignore."""
     if settings.clusters is not None and settings.clusterer == "hdbscan":
         problem = "hdbscan finds the number of modes itself."
         raise InvalidValue("clusters", problem, "Leave it out, or take clusterer kmeans.")
 
 
 def check_noise(z: Floats, index: int, horizon: int, channels: int) -> None:
-    """Raises InvalidValue for noise that is not finite of shape (at most `horizon`, `channels`)."""
+    """Raise InvalidValue unless noise is finite, with shape (at most `horizon`, `channels`)."""
     if z.ndim != 2 or z.shape[1] != channels or len(z) > horizon or not np.isfinite(z).all():
         shape = f"(at most {horizon}, {channels})"
         raise InvalidValue(
@@ -214,7 +217,7 @@ def check_noise(z: Floats, index: int, horizon: int, channels: int) -> None:
 
 
 def explain_no_failures() -> InvalidValue:
-    """The refusal if there is no failure."""
+    """Return the error for an analysis without failures."""
     return InvalidValue(
         "failures",
         "there is none to analyse.",
@@ -231,7 +234,7 @@ class FailureBatch(NamedTuple):
 
 
 class _PlacedBatch(NamedTuple):
-    """A portion put side by side, and what each of its failures is sorted by."""
+    """Aligned failures of one campaign, and the key that each failure is sorted by."""
 
     keys: list[tuple[bytes, int, int]]
     steps: list[int]
@@ -244,19 +247,19 @@ def gather_failures(
     settings: AnalysisSettings,
     channels: tuple[str, ...] = AXES,
 ) -> Aligned:
-    """Put failures side by side, in an order that depends on nothing but their noise.
+    """Align failures, in an order that depends only on their noise.
 
-    So the modes do not depend on when a failure was found, and sums round alike.
+    So modes do not depend on when a failure was found, and sums are rounded in the same way.
 
     Args:
-        portions: portions, none of which shares an episode.
+        portions: batches of failures without common episodes.
         horizon: steps of a full episode.
         settings: how to align, and which channels.
         channels: the names of the columns of z.
 
     Raises:
-        UnknownName: the settings name no channel of these.
-        InvalidValue: there is no failure, or one that does not fit the horizon and the channels.
+        UnknownName: the settings name a channel that does not exist.
+        InvalidValue: failures are missing, or one does not fit the horizon and the channels.
     """
     columns = choose_columns(settings.axes, channels)
     shape = (horizon, len(channels))
@@ -283,13 +286,13 @@ def gather_failures(
 
 
 def select_latest(failures: Aligned, campaigns: Collection[int]) -> Aligned:
-    """Return the failures without the earlier half of those of some campaigns.
+    """Return the failures without the earlier half of some campaigns' failures.
 
-    Of an odd number the one in the middle stays.
+    If a campaign has an odd number of failures, the middle failure is kept.
 
     Args:
         failures: failures of one or several campaigns.
-        campaigns: ids of those of which only the latest half is kept.
+        campaigns: ids of the campaigns that keep only their latest half.
     """
     kept = np.ones(len(failures.episodes), np.bool_)
     for campaign in campaigns:
@@ -301,12 +304,12 @@ def select_latest(failures: Aligned, campaigns: Collection[int]) -> Aligned:
 
 
 def select_samples(failures: Aligned, first_samples: Mapping[int, int]) -> Aligned:
-    """Return the failures without those of a campaign before its first sample.
+    """Return the failures without each campaign's failures before its first sample.
 
     Args:
         failures: failures of one or several campaigns.
-        first_samples: index of the first sample, by id of a campaign. All failures of a campaign
-            that has none from there on are kept.
+        first_samples: index of the first sample, by id of a campaign. A campaign without failures
+            from this index on keeps all its failures.
     """
     kept = np.ones(len(failures.episodes), np.bool_)
     for campaign, first in first_samples.items():
@@ -320,7 +323,7 @@ class EarlyFailures(NamedTuple):
     """Failures that an analysis of the latest failures leaves out.
 
     Attributes:
-        learning: ids of the campaigns of which only the latest half counts.
+        learning: ids of the campaigns whose earlier half does not count.
         first_samples: index of the first failure that counts, by id of a campaign.
     """
 
@@ -336,10 +339,10 @@ NONE_EARLY = EarlyFailures((), {})
 
 
 def _place_batch(portion: FailureBatch, shape: tuple[int, int], how: str) -> _PlacedBatch:
-    """A portion put side by side.
+    """Align the failures of one campaign.
 
     Args:
-        portion: portion of one campaign.
+        portion: failures of one campaign.
         shape: steps of a full episode, and channels.
         how: a name in `ALIGNMENTS`.
 
@@ -369,14 +372,14 @@ LAST_S = (1.0, 2.0)
 
 
 def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> tuple[Moment, ...]:
-    """The steps of greatest influence of each channel, the greatest first.
+    """Return the steps of greatest influence in each channel, the greatest first.
 
-    Only steps that half of the failures reach count: what few reach says little.
+    Only steps that half of the failures reach count: steps that few reach say little.
 
     Args:
         influence: shape (steps, channels), in the alignment of the failures.
-        failures: those that were analysed.
-        step_s: duration of a step; None if it has none. [s]
+        failures: analysed failures.
+        step_s: duration of a step; None if steps are not timed. [s]
     """
     steps = median_steps(failures.steps.tolist())
     place = failures.alignment.place(steps, failures.horizon)
@@ -394,7 +397,7 @@ def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> 
 
 
 def find_peaks(course: Sequence[float]) -> list[int]:
-    """Where a course is largest, positions apart from each other, the largest first."""
+    """Return the positions of a course's largest values, kept apart, the largest first."""
     found: list[int] = []
     for step in sorted(range(len(course)), key=lambda step: (-course[step], step)):
         if len(found) == MAX_MOMENTS or course[step] <= 0.0:
@@ -407,12 +410,12 @@ def find_peaks(course: Sequence[float]) -> list[int]:
 def measure_before_collision(
     influence: Floats, steps: int, step_s: float | None, channels: tuple[str, ...] = AXES
 ) -> tuple[InfluenceShare, ...]:
-    """How much of the influence lies in the last seconds before the collision.
+    """Return the share of the influence in the last seconds before the collision.
 
     Args:
-        influence: shape (horizon, channels), its last row that of the step before the collision.
-        steps: how many of the last rows count as the time before the collision.
-        step_s: duration of a step; None if it has none: there are no seconds then. [s]
+        influence: shape (horizon, channels); the last row is the step before the collision.
+        steps: number of last rows that count as the time before the collision.
+        step_s: duration of a step; None, which gives an empty result, if steps are not timed. [s]
         channels: the names of the columns.
     """
     if step_s is None:
@@ -444,6 +447,6 @@ def _name_shares(shares: tuple[float | None, ...], channels: tuple[str, ...]) ->
 
 
 def _compute_share(course: NDArray[np.float64], last: int) -> float | None:
-    """The share of the last rows in the sum over all; None of nothing."""
+    """Return the share of the last rows in the sum of all rows; None if the sum is 0."""
     total = float(course.sum())
     return float(course[-last:].sum()) / total if total > 0.0 else None

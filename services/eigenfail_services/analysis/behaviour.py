@@ -1,9 +1,10 @@
-"""The features by which failures are grouped: behaviour of the ego, or energy of the noise.
+"""Features for grouping failures: behaviour of the ego, or energy of the noise.
 
-Noise by itself shows causes badly: what decides lies seconds before the impact among steps that
-decide nothing, and noise of opposite signs may do the same, so that it has no mean. What the ego
-does before a collision follows from the cause, and has little noise of its own. If it does the
-same before collisions with different vehicles, these tell causes apart.
+Noise by itself separates causes badly: the few decisive steps lie seconds before the impact, among
+many irrelevant steps. Noise of opposite signs may have the same effect and would average out. The
+behaviour of the ego before a collision follows from the cause, and contains little noise. If the
+ego behaves in the same way before collisions with different vehicles, the vehicles separate the
+causes.
 """
 
 from collections import Counter
@@ -66,7 +67,7 @@ SLIGHT_MPS2 = 2.0
 def read_motion(courses: Iterable[tuple[int, FailureCourse]], origin: Origin) -> Motion | None:
     """Return the motion in failures, from the course of each and the id of its campaign.
 
-    None if there is none, or if steps have different durations.
+    None without courses, or if steps have different durations.
     """
     found: dict[tuple[int, int], Floats] = {}
     contacts: dict[tuple[int, int], Contact] = {}
@@ -88,9 +89,9 @@ def read_motion(courses: Iterable[tuple[int, FailureCourse]], origin: Origin) ->
 def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
     """Return the acceleration of the ego in each failure, shape (failures, steps). [m/s²]
 
-    The last `WINDOW_S` before the collision, or all steps from the start. If a failure has no
-    step, its acceleration is 0. None if the motion in a failure is not known, or does not fit
-    its noise.
+    The result covers the last `WINDOW_S` before the collision, or all steps from the start. The
+    acceleration of a failure without steps is 0. None if the motion in a failure is unknown, or
+    does not fit its noise.
     """
     steps = failures.horizon
     if motion.origin == "collision":
@@ -107,19 +108,19 @@ def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
 
 
 def list_contacts(failures: Aligned, motion: Motion) -> tuple[Contact, ...]:
-    """Return what the ego collided with in each failure; nothing unless that is known of all."""
+    """Return the contact in each failure; empty unless the contacts of all failures are known."""
     keys = zip(failures.campaigns.tolist(), failures.episodes.tolist(), strict=True)
     found = [contact for key in keys if (contact := motion.contacts.get(key))]
     return tuple(found) if len(found) == len(failures.steps) else ()
 
 
 def mark_struck(contacts: Sequence[Contact]) -> Floats:
-    """Return a column for each vehicle that was struck, 1 in the failures in which it was.
+    """Return a column for each struck vehicle: 1 in failures that struck it, otherwise 0.
 
     Vehicles that few failures struck share a column; see `FEWEST_STRUCK`.
 
     Returns:
-        Shape (failures, vehicles); no column where all failures have the same.
+        Shape (failures, vehicles); no columns if all failures have the same vehicle.
     """
     counts = Counter(contact.struck for contact in contacts)
     least = max(FEWEST_STRUCK, LEAST_STRUCK * len(contacts))
@@ -132,17 +133,17 @@ def mark_struck(contacts: Sequence[Contact]) -> Floats:
 
 
 class GroupingFeatures(NamedTuple):
-    """The data by which failures are grouped.
+    """The data for grouping failures.
 
     Attributes:
-        name: what they are.
+        name: kind of the features.
         data: shape (failures, columns).
         components: number of principal components that are clustered.
-        motion: what an acceleration comes from; None of other data.
-        accelerations: acceleration in each failure, shape (failures, steps); None of other data.
-            [m/s²]
-        contacts: what the ego collided with in each failure; nothing of other data, or where it is
-            not known.
+        motion: source of the accelerations; None for other features.
+        accelerations: acceleration in each failure, shape (failures, steps); None for other
+            features. [m/s²]
+        contacts: the vehicle that the ego hit in each failure; empty for other features, or if it
+            is unknown.
     """
 
     name: Grouping
@@ -154,20 +155,20 @@ class GroupingFeatures(NamedTuple):
 
     @property
     def resolution(self) -> float:
-        """Distance between scores below which failures are as good as equal."""
+        """Distance between scores below which failures count as equal."""
         if self.accelerations is None:
             return 0.0
         return RESOLUTION_MPS2 * sqrt(self.accelerations.shape[1])
 
     @property
     def has_struck(self) -> bool:
-        """Whether the vehicle that was struck is a part of the data."""
+        """True if the data include the struck vehicles."""
         return self.accelerations is not None and self.data.shape != self.accelerations.shape
 
     def describe(
         self, space: "ComponentSpace", labels: NDArray[np.intp], order: NDArray[np.intp]
     ) -> Behaviour | None:
-        """Return what the ego did in each mode; None if failures are not grouped by that.
+        """Return the ego's behaviour in each mode; None if failures are not grouped by behaviour.
 
         Args:
             space: principal components of the data.
@@ -199,7 +200,7 @@ class GroupingFeatures(NamedTuple):
 
 
 def select_features(failures: Aligned, settings: AnalysisSettings) -> GroupingFeatures:
-    """Return the features that failures are grouped by: as set, or the best that all have."""
+    """Return the features for grouping failures: noise if set, else the best that all have."""
     if settings.features == "noise":
         return GroupingFeatures("noise", failures.data, settings.components)
     motion = failures.motion
@@ -221,9 +222,9 @@ def select_features(failures: Aligned, settings: AnalysisSettings) -> GroupingFe
 
 
 def smooth_accelerations(accelerations: Floats, step_s: float) -> Floats:
-    """Return the moving mean over about `SMOOTHING_S`, of the steps that there are. [m/s²]
+    """Return the moving mean over about `SMOOTHING_S`, shorter at both ends. [m/s²]
 
-    The mean is over an odd number of steps, the same before and after each.
+    The mean covers an odd number of steps, equally many before and after each step.
 
     Args:
         accelerations: shape (failures, steps). [m/s²]
@@ -239,11 +240,11 @@ def smooth_accelerations(accelerations: Floats, step_s: float) -> Floats:
 def compute_energy(failures: Aligned, step_s: float) -> Floats:
     """Return Σ (z² − 1) over windows of `ENERGY_S`, shape (failures, windows · columns).
 
-    z² has the mean 1 under p(x). Steps that a failure does not reach count as nothing. If
-    failures are aligned at the collision, windows end there.
+    z² has the mean 1 under p(x). Steps that a failure does not reach count as 0. If failures are
+    aligned at the collision, the windows end at the collision.
 
     Args:
-        failures: failures side by side.
+        failures: aligned failures.
         step_s: duration of a step. [s]
     """
     length = max(1, round(ENERGY_S / step_s))
@@ -278,12 +279,12 @@ def _describe_mode(
 
 
 def describe_contacts(groups: Sequence[Sequence[Contact]]) -> tuple[str, ...]:
-    """Return what the ego most often collides with in each group of failures, in a sentence.
+    """Return a sentence for each group of failures that names its most frequent contact.
 
-    Nothing is said of groups that all have the same, or of which it is not known.
+    The sentences are empty if all groups have the same contact, or if no contacts are known.
 
     Args:
-        groups: what it collided with in the failures of each group.
+        groups: contacts in the failures of each group.
     """
     common = [Counter(group).most_common(1) for group in groups]
     if len({contact for found in common for contact, _ in found}) < 2:
@@ -299,16 +300,16 @@ def describe_contacts(groups: Sequence[Sequence[Contact]]) -> tuple[str, ...]:
 def describe_motion(
     accelerations: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
 ) -> str:
-    """Return how the ego brakes and accelerates in some failures, in a sentence.
+    """Return a sentence on how the ego brakes and accelerates in some failures.
 
-    Strengths and times are medians over the failures. A failure brakes during the steps around its
-    strongest braking in which it brakes at least half as strongly.
+    Strengths and times are medians over the failures. Braking lasts over the steps around the
+    strongest braking that have at least half its strength.
 
     Args:
         accelerations: acceleration in each failure, shape (failures, steps). [m/s²]
         times_s: end of each step. [s]
         step_s: duration of a step. [s]
-        origin: moment from which times count.
+        origin: reference moment of the times.
     """
     braking_mps2, braking = _measure_effort(-accelerations, times_s, step_s, origin)
     raised_mps2, raised = _measure_effort(accelerations, times_s, step_s, origin)
@@ -326,13 +327,13 @@ def describe_motion(
 def _measure_effort(
     strengths: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
 ) -> tuple[float, str]:
-    """Return the median of the largest strengths of the failures, and the time span around them.
+    """Return the median of the failures' largest strengths, and the time span around them.
 
     Args:
         strengths: braking or acceleration in each failure, shape (failures, steps). [m/s²]
         times_s: end of each step. [s]
         step_s: duration of a step. [s]
-        origin: moment from which times count.
+        origin: reference moment of the times.
     """
     steps, largest = np.arange(strengths.shape[1]), strengths.max(axis=1)
     is_weak = strengths < 0.5 * largest[:, None]

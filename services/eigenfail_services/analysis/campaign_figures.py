@@ -1,4 +1,4 @@
-"""Figures of a campaign over its episodes: learning curve, cost of failures, safety measures."""
+"""Figures over a campaign's episodes: learning curve, cost of failures, safety measures."""
 
 from collections.abc import Iterator, Sequence
 from math import ceil
@@ -27,11 +27,11 @@ MOST_BLOCKS_SHOWN = 50
 def make_course(
     campaign: Campaign, per: int, totals: Sequence[summary.BlockTotals]
 ) -> summary.Course:
-    """Return the course of failures, their likelihood and robustness.
+    """Return the course of failures, likelihood and robustness over the episodes.
 
     Args:
-        campaign: as it stands.
-        per: how many indices a block spans.
+        campaign: campaign in its present state.
+        per: number of indices in a block.
         totals: totals of the blocks that have a completed episode.
     """
     learns = traits_of(campaign.spec.method).learns
@@ -45,7 +45,7 @@ def make_course(
 
 
 def _make_block(totals: summary.BlockTotals, per: int, campaign: Campaign) -> summary.CourseBlock:
-    """Return a block; the last of a campaign may be shorter."""
+    """Return a block; the last block of a campaign may be shorter."""
     steps = totals.steps
     return summary.CourseBlock(
         first=totals.first,
@@ -62,11 +62,11 @@ def _make_block(totals: summary.BlockTotals, per: int, campaign: Campaign) -> su
 def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
     """Return the number of indices of a block: 100, at most a tenth and at least a fiftieth of all.
 
-    It depends on the budget, not on how many episodes have ended: blocks change only if a campaign
-    ends early, since what it left unrun does not count.
+    The length depends on the budget, not on the number of ended episodes. Blocks change only if a
+    campaign ends early, since cancelled episodes do not count.
 
     Raises:
-        InvalidValue: the length that was asked for makes too many blocks.
+        InvalidValue: the wanted length makes too many blocks.
     """
     # A campaign that ended at once has no index left, and a block needs one.
     reach = max(counts.planned - counts.cancelled, 1)
@@ -83,12 +83,12 @@ SECONDS_PER_HOUR = 3600.0
 
 
 def price_failures(total_usd: float, instance_hours: float, failures: Rate | None) -> Cost:
-    """Return what failures cost: the total ÷ their number, with the rate's interval.
+    """Return the cost of a failure: the total ÷ number of failures, with the rate's interval.
 
-    The quotient is without bias where a number of failures ended the campaign, as the mean number
-    of episodes up to the k-th failure is k ÷ p. The bounds are total ÷ (ended × bound of the
-    rate), so that a campaign without a failure has a lower bound instead of an infinite cost. A
-    rate without an interval leads to none here.
+    If a number of failures ended the campaign, the quotient is unbiased, as the mean number of
+    episodes up to the k-th failure is k ÷ p. The bounds are total ÷ (ended × bound of the rate), so
+    a campaign without failures has a lower bound instead of an infinite cost. A rate without an
+    interval gives a cost without an interval.
 
     Args:
         total_usd: price of all instance-hours.
@@ -125,9 +125,10 @@ class KnownModes(NamedTuple):
     """The distinct modes of a campaign's newest analysis.
 
     Attributes:
-        analysis: its id; None if there is none that is done.
-        found_ms: when the first failure of each mode was stored; None if none are known.
-        words: how many there are and why, or why they are not known.
+        analysis: id of the analysis; None if no analysis is done.
+        found_ms: time at which the first failure of each mode was stored; None if modes are
+            unknown.
+        words: number of modes with the reason, or why modes are unknown.
     """
 
     analysis: int | None
@@ -136,7 +137,7 @@ class KnownModes(NamedTuple):
 
 
 def sum_instance_hours(campaign: Campaign, active_s: float) -> float:
-    """Return the time of all instances while a campaign was active for `active_s`. [h]"""
+    """Return the instance-hours of a campaign that was active for `active_s`. [h]"""
     return campaign.spec.instances * active_s / SECONDS_PER_HOUR
 
 
@@ -146,7 +147,7 @@ def bill_usd(campaign: Campaign, active_s: float) -> float:
 
 
 def split_time(campaign: Campaign, totals: summary.SpendingTotals) -> summary.TimeSplit:
-    """Return how the time that was billed was spent; the parts sum to it."""
+    """Return how the billed time was spent; the parts sum to the billed time."""
     # The parts must sum to the bill: each is cut to what the others leave.
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
@@ -173,7 +174,7 @@ def split_time(campaign: Campaign, totals: summary.SpendingTotals) -> summary.Ti
 def make_cost_curve(
     campaign: Campaign, totals: summary.SpendingTotals, modes: KnownModes
 ) -> Iterator[summary.CostPoint]:
-    """Yield the points of the cost curve, from nothing spent to the whole bill."""
+    """Yield the points of the cost curve, from zero to the whole bill."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     # The curve begins where nothing is spent, or its first step would not show.
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
@@ -201,15 +202,15 @@ def _make_point(
 
 
 def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
-    """Return how many modes had been found by then; None if modes are not known."""
+    """Return the number of modes that were found by a time; None if modes are unknown."""
     return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
 
 
 def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
-    """The active time at which each result was stored, of results in that order. [s]
+    """Return the active time at which each result was stored, in the order of the results. [s]
 
-    The clock went on while the campaign was paused. If the gaps between results sum to more
-    than the time that was billed, the longest are cut to one length at which they sum to just it.
+    The clock ran on while the campaign was paused. If the gaps between results sum to more than the
+    billed time, the longest gaps are cut to one length, so that all gaps sum to the billed time.
     """
     start_ms = campaign.started_ms if campaign.started_ms is not None else campaign.created_ms
     gaps_s = np.maximum(np.diff([start_ms, *at_ms]) / 1_000.0, 0.0)
@@ -219,14 +220,14 @@ def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
 
 
 def has_unbilled_time(campaign: Campaign, at_ms: Sequence[int]) -> bool:
-    """Whether more time passed until the last result than was billed."""
+    """Return whether more time passed until the last result than was billed."""
     if not at_ms or campaign.started_ms is None:
         return False
     return (at_ms[-1] - campaign.started_ms) / 1_000.0 > campaign.active_s + SLACK_S
 
 
 def _find_longest_gap(gaps_s: Sequence[float], total_s: float) -> float:
-    """The length c at which Σ min(gap, c) is the total; infinite if the gaps sum to no more."""
+    """Return c with Σ min(gap, c) = total; infinite if all gaps together fit in the total."""
     left_s, ordered = total_s, sorted(gaps_s)
     for place, gap_s in enumerate(ordered):
         share_s = left_s / (len(ordered) - place)
@@ -254,13 +255,13 @@ def make_safety(
 ) -> safety.Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
 
-    Of a function only the failures are counted: it has no traffic that could be measured.
+    If the simulator is a function, only failures are counted: a function does not have traffic.
 
     Args:
-        campaign: as it stands.
+        campaign: campaign in its present state.
         totals: over its completed episodes.
         conflicts: these by class.
-        unresolved: those that are no collisions only because they ended.
+        unresolved: episodes without a collision only because they ended.
         level: level of VaR and CVaR of severity.
 
     Raises:
@@ -328,9 +329,10 @@ def _list_requirements(
 
 
 def _drop_intervals(risk: safety.SeverityRisk) -> safety.SeverityRisk:
-    """Return the severity of failures that a search chose: they are no random sample.
+    """Return the severity without intervals, for failures that a search chose.
 
-    What is missing for an interval is then no problem; what is missing for a number still is.
+    Such failures are not a random sample. A problem that concerns only the interval is dropped; a
+    problem of the number is kept.
     """
     mean, var, cvar = map(_drop_interval, (risk.mean, risk.var, risk.cvar))
     problem = "" if cvar else risk.problem
@@ -358,7 +360,7 @@ def _count_violations(
     completed: int,
     errored: int,
 ) -> safety.Violations:
-    """Return the figures of a measure against its threshold."""
+    """Return the figures of a measure compared with its threshold."""
     return safety.Violations(
         threshold=threshold,
         beyond=_make_share(design, totals.violations, completed, errored),
@@ -374,7 +376,7 @@ def _list_notes(
     unresolved: summary.Unresolved,
     conflicts: summary.Conflicts,
 ) -> Iterator[str]:
-    """Yield the remarks on what the numbers leave out."""
+    """Yield remarks on the limits of the numbers."""
     if words := unresolved.words(totals.completed):
         yield words
     if conflicts.allowed:

@@ -1,8 +1,8 @@
-"""Clusters of failures, how distinct they are, and whether they are stable under resampling.
+"""Clusters of failures, with their separation and their stability under resampling.
 
-Clustering always finds groups. Whether they are more than an artefact shows the comparison with
-data without groups, of the same size, spread and distances from the centre, clustered in the same
-way.
+Clustering always finds groups. To show that they are more than an artefact, they are compared with
+clusters of data without groups. These data have the same size, spread and distances from the
+centre, and are clustered in the same way.
 """
 
 import warnings
@@ -33,42 +33,42 @@ FEWEST = 5
 
 
 class Groups(Protocol):
-    """Groups that were found among some rows."""
+    """Groups that were found in some rows."""
 
     def predict(self, scores: Scores) -> Labels:
-        """The group of each row, shape (rows,)."""
+        """Return the group of each row, shape (rows,)."""
 
 
 class Grouping(NamedTuple):
-    """Groups, and the share of the rows that were found to belong to none."""
+    """Groups, and the share of the rows that belong to no group."""
 
     groups: Groups
     outliers: float = 0.0
 
 
 class Clusterer(Protocol):
-    """A way to find groups, repeatable."""
+    """A repeatable way to find groups."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
-        """Return the numbers of groups to try, of which the best silhouette is taken."""
+        """Return the numbers of groups to try; the best silhouette is taken."""
 
     def fit(self, scores: Scores, groups: int) -> Grouping | None:
-        """Groups among rows that differ at least as often as there are groups; None if none show.
+        """Return groups of rows, with at least as many different rows as groups; None if not found.
 
         Args:
             scores: shape (rows, components).
-            groups: how many to find.
+            groups: number of groups to find.
         """
 
 
 class ScaledGroups(NamedTuple):
-    """Groups that were found among rows divided by a scale."""
+    """Groups that were found in rows divided by a scale."""
 
     groups: Groups
     scale: float
 
     def predict(self, scores: Scores) -> Labels:
-        """The group of each row, shape (rows,)."""
+        """Return the group of each row, shape (rows,)."""
         return self.groups.predict(scores / self.scale)
 
 
@@ -76,7 +76,7 @@ class KMeansClusterer:
     """Round groups, all of about one width (Lloyd 1982); several seeded starts."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
-        """Return the number that was asked for, or 2 to 8."""
+        """Return the wanted number, or 2 to 8."""
         return CHOICES if wanted is None else (wanted,)
 
     def fit(self, scores: Scores, groups: int) -> Grouping:
@@ -91,11 +91,11 @@ class MixtureClusterer:
     """A mixture of normal distributions with full covariances: groups of different widths."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
-        """Return the number that was asked for, or 2 to 8."""
+        """Return the wanted number, or 2 to 8."""
         return CHOICES if wanted is None else (wanted,)
 
     def fit(self, scores: Scores, groups: int) -> Grouping:
-        """The mixture of largest likelihood that the start of K-means leads to."""
+        """Return the most likely mixture that is reached from a K-means start."""
         # What keeps covariances regular is an absolute number: it is to mean the same at any scale.
         scale = float(scores.std())
         mixture = GaussianMixture(groups, covariance_type="full", random_state=SEED)
@@ -107,8 +107,9 @@ class MixtureClusterer:
 class DensityClusterer:
     """Dense regions of any form and number (Campello et al. 2013).
 
-    A region counts from 5 % of the rows on, and at least 5. Rows that belong to none are put with
-    their nearest neighbour that does, so that every failure has its mode, and are counted.
+    A region counts if it holds at least 5 % of the rows, and at least 5 rows. A row outside all
+    regions joins its nearest neighbour inside a region, so that every failure has a mode. Such rows
+    are counted as outliers.
     """
 
     def choices(self, _wanted: int | None) -> Sequence[int]:
@@ -147,7 +148,7 @@ RESOLUTION_DIGITS = 6
 
 
 class Partition(NamedTuple):
-    """Each row's group, the silhouette of the whole (None with a single group), outliers."""
+    """Each row's group, the mean silhouette (None with a single group), the share of outliers."""
 
     labels: Labels
     silhouette: float | None
@@ -162,15 +163,15 @@ def divide(
 ) -> Partition:
     """Divide rows into groups; the same rows always give the same groups.
 
-    One group results where a division would say nothing: unless there are more different rows
-    than groups, or as many with a resolution; and where all groups are nearer to each other than
-    the resolution.
+    The result is a single group if a division would be meaningless. That is the case without more
+    different rows than groups (or, with a resolution, at least as many), or if all groups are
+    nearer to each other than the resolution.
 
     Args:
         scores: D*, shape (rows, k).
-        clusters: number of groups; None takes the best silhouette.
-        clusterer: what finds them.
-        resolution: distance below which rows are as good as equal; see `_compute_silhouette`.
+        clusters: number of groups; with None, the number with the best silhouette.
+        clusterer: method that finds the groups.
+        resolution: distance below which rows count as equal; see `_compute_silhouette`.
     """
     found = _find_partition(scores, clusters, clusterer, resolution)
     if found.silhouette is None:
@@ -183,7 +184,7 @@ def divide(
 def _find_partition(
     scores: Scores, clusters: int | None, clusterer: Clusterer, resolution: float
 ) -> Partition:
-    """Return the partition with the best silhouette, however near its groups are."""
+    """Return the partition with the best silhouette, even if its groups are close."""
     rows = draw_rows(len(scores), CLUSTERED_ROWS)
     limit = _count_different(scores[rows])
     # Noise differs in every failure, so that a group for each different row has no content.
@@ -205,11 +206,11 @@ def compute_noise_silhouette(
     clusterer: Clusterer = KMEANS,
     resolution: float = 0.0,
 ) -> float:
-    """The largest silhouette that is reached on several draws of data without groups.
+    """Return the largest silhouette over several draws of data without groups.
 
-    Scores of components are uncorrelated, so their spreads are all of their covariance. One
-    elliptical cloud exceeds the largest of the draws in one case of twenty; one that is skewed or
-    bent does so more often, without having groups.
+    Scores of components are uncorrelated, so their spreads determine their covariance. A single
+    elliptical cloud exceeds the largest draw in one case of twenty. A skewed or bent cloud exceeds
+    it more often, also without groups.
     """
     # Seeded, so that an analysis that is repeated has the same digest.
     generator = np.random.default_rng(SEED)
@@ -221,9 +222,9 @@ def compute_noise_silhouette(
 def draw_without_groups(scores: Scores, generator: np.random.Generator) -> Scores:
     """Draw rows with the norms of the scores and uniformly random directions.
 
-    Distances are counted in standard deviations of each component. So a shell is held against
-    shells, and a blob against blobs: of a normal distribution this is another draw. Along a single
-    component there are but two directions, and the draw is normal.
+    Distances are counted in standard deviations of each component. So a shell is compared with
+    shells, and a blob with blobs; for a normal distribution the result is another draw from it. A
+    single component has only two directions, so its draw is normal.
     """
     spread = scores.std(axis=0)
     size = (min(len(scores), SILHOUETTE_ROWS), len(spread))
@@ -252,8 +253,8 @@ def _split(
 def _compute_silhouette(scores: Scores, labels: Labels, resolution: float = 0.0) -> float:
     """Return the mean silhouette (Rousseeuw 1987); 0 for a single group, or one per row.
 
-    A distance d between two rows counts as √(d² + r²) with the resolution r. Otherwise rows that
-    are nearly equal, as those of a deterministic planner often are, would each be a group.
+    A distance d between two rows counts as √(d² + r²) with the resolution r. Without it, nearly
+    equal rows, which are frequent with a deterministic planner, would each be a group.
     """
     rows = draw_rows(len(scores), SILHOUETTE_ROWS)
     if not 1 < len(np.unique(labels[rows])) < len(rows):
@@ -273,7 +274,7 @@ def draw_rows(rows: int, most: int) -> NDArray[np.intp]:
 
 
 def _count_different(scores: Scores) -> int:
-    """Return how many of the rows differ by more than rounding."""
+    """Return the number of rows that differ by more than rounding."""
     largest = np.abs(scores).max(initial=0.0)
     if largest == 0.0:
         return 1
@@ -281,11 +282,11 @@ def _count_different(scores: Scores) -> int:
 
 
 def order_by_size(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
-    """The groups numbered by size; of equal ones, that of the earliest episode comes first.
+    """Number the groups by size; among equal sizes, the group with the earliest episode is first.
 
     Args:
-        labels: the group of each failure, shape (failures,); the answer has the same.
-        episodes: the index of each, shape (failures,).
+        labels: the group of each failure, shape (failures,), like the result.
+        episodes: the index of each failure's episode, shape (failures,).
     """
     names, sizes = np.unique(labels, return_counts=True)
     earliest = [episodes[labels == name].min() for name in names]
@@ -301,19 +302,19 @@ ROWS = 2000
 def measure_stability(
     data: Floats, labels: Labels, settings: AnalysisSettings, resolution: float = 0.0
 ) -> Stability | None:
-    """The adjusted Rand index under the bootstrap (Efron 1979; Hubert and Arabie 1985).
+    """Return the adjusted Rand index under the bootstrap (Efron 1979; Hubert and Arabie 1985).
 
-    Everything is done anew on each draw: components, the number of modes unless it is given, modes.
-    The failures of a draw, each counted once, are compared by their modes there and before.
+    Each draw is analysed from the start: components, the number of modes unless it is given, modes.
+    The failures of a draw, each counted once, are compared by their new and their original modes.
 
     Args:
         data: D, shape (failures, columns).
         labels: the mode of each failure, shape (failures,).
         settings: settings of the analysis.
-        resolution: as that of `divide`.
+        resolution: as in `divide`.
 
     Returns:
-        None with a single mode, or without resamples.
+        None if there is a single mode, or if no resamples are set.
     """
     if settings.bootstrap == 0 or len(np.unique(labels)) < 2:
         return None
@@ -334,7 +335,7 @@ def _measure_likeness(
     settings: AnalysisSettings,
     resolution: float,
 ) -> float:
-    """The adjusted Rand index between the modes of a draw and those of the same failures before."""
+    """Return the adjusted Rand index between new and original modes of a draw's failures."""
     space = fit_components(data[resample], settings.components)
     clusterer = CLUSTERERS[settings.clusterer]
     again = divide(space.scores, settings.clusters, clusterer, resolution)

@@ -1,8 +1,8 @@
 """Principal components of the failures: D* = (D − mu) V_k with D − mu = U S V^T (paper, PCA).
 
-Small data are decomposed whole. Of large data the squares are summed block by block in double
-precision, and V comes from their sum S²: an incremental PCA that loses nothing but directions with
-less than 1e-7 of the largest spread. Only data that are wide besides are decomposed at random.
+Small data are decomposed as a whole. For large data, the squares are summed block by block in
+double precision, and V comes from their sum S². This incremental PCA loses only directions with
+less than 1e-7 of the largest spread. Large data that are also wide are decomposed at random.
 """
 
 from collections.abc import Iterator
@@ -36,8 +36,8 @@ class ComponentSpace(NamedTuple):
 
     Attributes:
         mean: mu, shape (columns,).
-        components: rows of V_k^T, shape (k, columns); the largest entry of each is positive.
-        explained: share of the variance that each explains, shape (k,).
+        components: rows of V_k^T, shape (k, columns); the largest entry of each row is positive.
+        explained: share of the variance that each component explains, shape (k,).
         scores: D*, shape (rows, k).
     """
 
@@ -47,10 +47,10 @@ class ComponentSpace(NamedTuple):
     scores: Array
 
     def invert(self, scores: Array) -> Array:
-        """Back to noise space: D* V_k^T + mu (paper, inverse transform).
+        """Transform scores back to noise space: D* V_k^T + mu (paper, inverse transform).
 
         Args:
-            scores: D*, shape (…, k); the answer's is (…, columns).
+            scores: D*, shape (…, k); the result has shape (…, columns).
         """
         return scores @ self.components + self.mean
 
@@ -63,7 +63,7 @@ class Directions(NamedTuple):
 
 
 def fit_components(data: Data, wanted: int) -> ComponentSpace:
-    """The components of D, at most as many as its rows differ in directions.
+    """Return the components of D, at most as many as its rows span directions.
 
     Args:
         data: D, shape (rows, columns).
@@ -84,7 +84,7 @@ def fit_components(data: Data, wanted: int) -> ComponentSpace:
 
 
 def _find_directions(data: Data, mean: Array, count: int) -> Directions:
-    """The directions of largest variance, in the way that suits the size of the data.
+    """Return the directions of largest variance, with a solver that suits the size of the data.
 
     Args:
         data: D, shape (rows, columns).
@@ -134,7 +134,7 @@ def iterate_blocks(data: Data) -> Iterator[Array]:
 
 
 def fix_signs(components: Array) -> Array:
-    """Return the directions, each with its largest entry positive; of equal ones the first."""
+    """Return directions whose largest entry (the first of equal ones) is positive."""
     sizes = np.abs(components)
     # Entries that differ by rounding alone are equal, or the processor would choose the sign.
     largest = np.argmax(sizes >= (1.0 - ROUNDING) * sizes.max(axis=1, keepdims=True), axis=1)
@@ -147,9 +147,9 @@ QUANTILES = (0.1, 0.5, 0.9)
 
 
 class Spaces(NamedTuple):
-    """The components of the noise, and of the features that failures are grouped by.
+    """The components of the noise, and of the features for grouping failures.
 
-    If failures are grouped by their noise, both are one.
+    If failures are grouped by their noise, both are the same object.
     """
 
     noise: ComponentSpace
@@ -159,7 +159,7 @@ class Spaces(NamedTuple):
 def describe_modes(
     failures: Aligned, spaces: Spaces, labels: NDArray[np.intp], centre: Centre
 ) -> tuple[FailureMode, ...]:
-    """One mode for each label, in the order of the labels."""
+    """Return one mode for each label, in the order of the labels."""
     groups = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
     return tuple(_describe_mode(failures, spaces, members, centre) for members in groups)
 
@@ -167,16 +167,16 @@ def describe_modes(
 def _describe_mode(
     failures: Aligned, spaces: Spaces, members: NDArray[np.intp], kind: Centre
 ) -> FailureMode:
-    """The mode of these failures: its centre, the real failure nearest to it, its eigenfailure.
+    """Return the mode of some failures: centre, failure nearest to it, and eigenfailure.
 
-    The eigenfailure of kind `mean` is centre · V_k^T + mu (paper, inverse transform), that of kind
-    `median` the median of the noise at each step; both are taken back to the start. The noise of a
-    few unlike failures moves a mean, so that it may fail nowhere, and a median hardly.
+    The eigenfailure of kind `mean` is centre · V_k^T + mu (paper, inverse transform). For kind
+    `median`, it is the median of the noise at each step. Both are moved back to the start. A few
+    atypical failures move a mean, which may then fail nowhere, but hardly move a median.
 
     Args:
         failures: all of them.
         spaces: spaces of the rows.
-        members: the rows of these, shape (members,).
+        members: rows of the mode's failures, shape (members,).
         kind: centre that the eigenfailure shows.
     """
     centre = spaces.noise.scores[members].mean(axis=0)
@@ -206,10 +206,10 @@ def _describe_mode(
 
 
 def _compute_quantiles(failures: Aligned, members: NDArray[np.intp]) -> list[Array]:
-    """Return the quantiles of the noise of these failures at each step.
+    """Return the quantiles of the members' noise at each step.
 
-    Each has the shape (horizon, channels). They are over the failures that lasted so long, taken
-    back to the start; zero where none did.
+    Each quantile has the shape (horizon, channels), and covers the failures that lasted until the
+    step. The result is moved back to the start, and zero at steps that no failure reached.
     """
     lasted = np.zeros((len(members), failures.horizon), np.bool_)
     for row, steps in zip(lasted, failures.steps[members].tolist(), strict=True):
@@ -228,9 +228,9 @@ def _select_noise(
     space: ComponentSpace,
     members: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """The noise of a centre, shape (horizon, channels); of a channel left out, its failures' mean.
+    """Return the noise of a centre, shape (horizon, channels); left-out channels hold their mean.
 
-    A planner fails by all channels together: without any noise in one of them it might not.
+    The channels together make a planner fail: without noise in one channel it might not fail.
     """
     noise = np.asarray(failures.noise[members].mean(axis=0, dtype=np.float64))
     noise[:, failures.columns] = space.invert(centre).reshape(failures.horizon, -1)
@@ -240,11 +240,11 @@ def _select_noise(
 def measure_influence(
     components: NDArray[np.float64], explained: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How much each step and channel weighs: sum over k of explained_k · |V_k|.
+    """Return the weight of each step and channel: sum over k of explained_k · |V_k|.
 
     Args:
         components: shape (k, steps, channels).
-        explained: share of the variance of each, shape (k,).
+        explained: share of the variance of each component, shape (k,).
 
     Returns:
         Shape (steps, channels), in the alignment of the components; zeros without components.

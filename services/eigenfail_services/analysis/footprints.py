@@ -1,4 +1,4 @@
-"""Footprints in a stored scene: distances, times to collision, and which vehicle was struck."""
+"""Footprints in a stored scene: distances, times to collision, and the struck vehicle."""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -25,11 +25,11 @@ MOVED_S = 1e-4
 
 
 class Contact(NamedTuple):
-    """The vehicle with which the ego collided.
+    """The vehicle that the ego hit.
 
     Attributes:
         struck: number of the vehicle that was struck.
-        side: side of the ego that it was at.
+        side: side of the ego at which the vehicle was.
     """
 
     struck: int
@@ -37,13 +37,13 @@ class Contact(NamedTuple):
 
 
 def measure_clearances(scene: Scene) -> Array:
-    """Smallest distance between the ego's footprint and each other vehicle's, at each moment.
+    """Return the smallest distance from the ego's footprint to each vehicle's, at each moment.
 
-    Two rectangles that do not overlap are nearest at a corner of one of them.
+    Two rectangles that do not overlap are nearest at a corner of one rectangle.
 
     Returns:
-        Shape (steps + 1, vehicles - 1); 0 if they touch or overlap, and infinite while a vehicle
-        is not there. [m]
+        Shape (steps + 1, vehicles - 1); 0 if footprints touch or overlap, and infinite while a
+        vehicle is absent. [m]
     """
     return _measure_clearances(scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64))
 
@@ -57,14 +57,14 @@ def _measure_clearances(vehicles: Array, sizes: Array) -> Array:
 
 
 def measure_times_to_collision(scene: Scene) -> Array:
-    """Shortest time to collision of the ego with any other vehicle, at each moment.
+    """Return the shortest time to collision of the ego with any vehicle, at each moment.
 
-    The definition is that of the measure `min_ttc_s` (FHWA-RD-03-050, in the plane): the distance
-    between the footprints ÷ the speed at which it shrinks, for vehicles that are in the ego's path
-    or entering it.
+    The definition is the same as for the measure `min_ttc_s` (FHWA-RD-03-050, in the plane): the
+    distance between the footprints ÷ the speed at which it shrinks. Only vehicles in the ego's path
+    or entering it count.
 
     Returns:
-        Shape (steps + 1,); infinite if there is no conflict. [s]
+        Shape (steps + 1,); infinite without a conflict. [s]
     """
     vehicles, sizes = scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64)
     heading, speed = vehicles[..., 2], vehicles[..., 3]
@@ -96,7 +96,7 @@ def measure_times_to_collision(scene: Scene) -> Array:
 def find_struck(scene: Scene) -> int:
     """Return the number of the vehicle whose footprint is nearest to the ego's at the end.
 
-    Of several at the same distance it is the one whose centre is nearest.
+    Among vehicles at the same distance, the vehicle with the nearest centre is returned.
     """
     return _find_struck(scene.vehicles[-1].astype(np.float64), scene.sizes.astype(np.float64))
 
@@ -108,19 +108,19 @@ def _find_struck(vehicles: Array, sizes: Array) -> int:
 
 
 def find_contact(end: Floats, sizes: Floats) -> Contact | None:
-    """Return what the ego collided with: the vehicle of `find_struck`.
+    """Return the contact of the ego with the vehicle of `find_struck`.
 
-    Its side is the one on which it was farthest out before the last step: in the contact itself
-    footprints overlap by what the vehicles move within a step, which at a corner says little.
+    The side is the side of the ego on which the vehicle was farthest out before the last step. The
+    overlap at the contact is only the movement within a step, which says little at a corner.
 
     Args:
         end: x [m], y [m], heading [rad] and speed [m/s] of all vehicles before and after the last
-            step, shape (2, vehicles, 4), or (1, vehicles, 4) without a step; vehicle 0 is the ego.
-            NaN while a vehicle is not there.
+            step. Shape (2, vehicles, 4), or (1, vehicles, 4) without a step. Vehicle 0 is the ego.
+            NaN while a vehicle is absent.
         sizes: length and width [m], shape (vehicles, 2).
 
     Returns:
-        None if no other vehicle is there at the end.
+        None if the ego is the only vehicle at the end.
     """
     vehicles, sizes_m = end.astype(np.float64), sizes.astype(np.float64)
     if not np.isfinite(vehicles[-1, 1:]).all(axis=1).any():
@@ -144,7 +144,7 @@ def find_contact(end: Floats, sizes: Floats) -> Contact | None:
 def _measure_beside(
     a: Array, size_a: Array, b: Array, size_b: Array
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Whether a side of `a` separates the two, and the distance from `a` to a corner of `b`.
+    """Return whether a side of `a` separates both, and the distance from `a` to a corner of `b`.
 
     Args:
         a: x [m], y [m] and heading [rad], shape (..., vehicles, 3).
@@ -160,7 +160,7 @@ def _measure_beside(
 
 
 def _transform(a: Array, b: Array, size_b: Array) -> Array:
-    """The corners of `b` where the centre of `a` is the origin and its heading the x axis.
+    """Return the corners of `b` in coordinates with origin at `a` and x along its heading.
 
     Args:
         a: x [m], y [m] and heading [rad], shape (..., vehicles, 3).
@@ -176,7 +176,7 @@ def _transform(a: Array, b: Array, size_b: Array) -> Array:
 
 
 def _rotate(points: Array, angle: Array) -> Array:
-    """Points, shape (..., corners, 2), turned about the origin by an angle each [rad]."""
+    """Return points, shape (..., corners, 2), turned about the origin by their angles [rad]."""
     cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
     x, y = points[..., 0], points[..., 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)

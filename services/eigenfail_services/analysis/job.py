@@ -1,4 +1,4 @@
-"""The analysis of failures: from their noise to failure modes."""
+"""Analysis of failures: from their noise to failure modes."""
 
 import hashlib
 from collections.abc import Mapping
@@ -38,15 +38,15 @@ def analyse(
     """Analyse a single campaign, with id 1 and without times; see `analyse_gathered`.
 
     Args:
-        failures: z of each, shape (its steps, channels).
+        failures: z of each failure, shape (its steps, channels).
         horizon: steps of a full episode of the campaign.
-        settings: how to go about it.
+        settings: settings of the analysis.
         channels: the names of the columns of z.
 
     Raises:
-        UnknownName: the settings name no channel of these.
-        InvalidValue: there is no failure, or one that does not fit the horizon and the channels; or
-            a number of clusters that the clusterer takes none of.
+        UnknownName: the settings name a channel that does not exist.
+        InvalidValue: failures are missing, or one does not fit the horizon and the channels; or a
+            number of clusters is set that the clusterer does not accept.
     """
     alignment.check_clusterer(settings)
     gathered = alignment.gather_failures(
@@ -62,18 +62,19 @@ def analyse_gathered(
     episodes: Mapping[int, int],
     early: alignment.EarlyFailures = alignment.NONE_EARLY,
 ) -> AnalysisResult:
-    """PCA, clustering and the way back to noise; the same, bit for bit, whenever it is repeated.
+    """Run PCA, clustering and the transform back to noise, bit for bit repeatable.
 
-    Components and influence stand in the alignment asked for: aligned at the collision, their last
-    step is the one before the impact. Rows come in the order of campaigns and episodes.
+    Components and influence have the alignment of the settings. If they are aligned at the
+    collision, their last step is the step before the impact. Rows are ordered by campaigns and
+    episodes.
 
     Args:
-        gathered: all failures of the campaigns; the intervals of training are of all of them.
-        settings: settings of the analysis, which were checked; there are never more components or
-            modes than the failures differ in.
-        step_s: duration of a step; None if it has none, or if failures do not end at a
-            collision, to which times could be told. [s]
-        episodes: how many of each campaign have ended, by its id.
+        gathered: all failures of the campaigns; the training intervals cover all of them.
+        settings: checked settings of the analysis; the result never has more components or modes
+            than the failures differ in.
+        step_s: duration of a step; None if steps are not timed, or if failures do not end at a
+            collision, the origin of times. [s]
+        episodes: number of ended episodes of each campaign, by its id.
         early: failures that `failures = "latest"` leaves out.
     """
     only_latest = settings.failures == "latest"
@@ -97,7 +98,7 @@ def _make_result(
     space: ComponentSpace,
     step_s: float | None,
 ) -> AnalysisResult:
-    """The result of failures that stand side by side, but for what depends on their episodes."""
+    """Return the result for aligned failures, without the parts that depend on their episodes."""
     clusterer = clusters.CLUSTERERS[settings.clusterer]
     asked = replace(settings, components=features.components)
     grouping = space
@@ -135,7 +136,7 @@ def _make_result(
 def _measure_impending(
     failures: alignment.Aligned, settings: AnalysisSettings, step_s: float | None
 ) -> tuple[InfluenceShare, ...]:
-    """What share of the influence the last seconds have, in components of their own."""
+    """Return the influence of the last seconds, with components aligned at the collision."""
     ending = failures.at_collision()
     space = fit_components(ending.data, settings.components)
     weighed = measure_influence(ending.by_step(space.components), space.explained)
@@ -146,14 +147,14 @@ def _measure_impending(
 
 
 def hash_result(result: AnalysisResult) -> str:
-    """SHA-256 over the numbers of a result: the same whenever the analysis is repeated.
+    """Return the SHA-256 of a result's numbers, which is the same for each repetition.
 
-    Words are left out: the planner's account in them is given only where workers are installed, and
-    only by a planner that answers in time. So are bands: they follow from labels and noise, and
-    without them an analysis has the digest that it had before there were any. The names of the
-    channels are those of the campaign. The behaviour of modes follows from labels and episodes.
-    What an analysis of the noise does not have is left out of its digest. The number of a mode is
-    its place. What its medoid drew, and how long its failures lasted, follow from the episodes.
+    Words are left out, because the planner's account in them exists only with installed workers and
+    a planner that answers in time. Bands are left out too: they follow from labels and noise, and
+    analyses from before bands existed keep their digest. Channel names belong to the campaign. The
+    behaviour of modes follows from labels and episodes. Features that an analysis of the noise does
+    not have are left out of its digest. The number of a mode is its place. The scenario parameters
+    of a medoid, and the duration of a mode's failures, follow from the episodes.
     """
     numbers = msgspec.to_builtins(
         replace(result, words=(), digest=""), enc_hook=encode_array, builtin_types=(bytes,)

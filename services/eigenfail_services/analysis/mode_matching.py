@@ -1,9 +1,10 @@
-"""Failure modes of several releases: which of them are the same, and what became of each.
+"""Match the failure modes of several releases, and judge how each mode changed.
 
-Failures of a release belong to a mode of earlier ones within a radius, which a bootstrap of the
-mode's own failures states. A mode is new, or not found again, where chance alone hardly explains
-the numbers of failures: the conditional test of two Poisson rates (Przyborowski and Wilenski 1940),
-at a level that holds over all modes of a release together (Bonferroni).
+Failures of a release belong to a mode of earlier releases if they lie within the mode's radius,
+which a bootstrap over its failures estimates. A mode is new, or not found again, if chance is
+unlikely to explain the numbers of failures. The test is the conditional test of two Poisson rates
+(Przyborowski and Wilenski 1940), at a level that holds over all modes of a release together
+(Bonferroni).
 """
 
 from collections.abc import Sequence
@@ -30,13 +31,13 @@ class ReleaseBehaviours(NamedTuple):
 
     Attributes:
         episodes: number of completed episodes.
-        is_random: whether they were drawn from p(x), so that failures can be counted; the same in
-            all releases that are compared, as these have one method.
+        is_random: whether the episodes were drawn from p(x), so that failures can be counted. It is
+            the same for all compared releases, as they have one method.
         modes: the modes of its analyses.
-        build: text that is equal for releases of the same code and settings; empty if these are not
-            known.
-        noise: text that is equal for releases whose episodes had the same noise; empty if no other
-            has it.
+        build: text that is equal for releases of the same code and settings; empty if code and
+            settings are unknown.
+        noise: text that is equal for releases whose episodes had the same noise; empty if the noise
+            is unique.
     """
 
     episodes: int
@@ -50,14 +51,14 @@ class Sighting(NamedTuple):
     """A mode in a release.
 
     Attributes:
-        status: what became of the mode; None before the release in which it was found.
-        failures: number of failures that belong to it.
-        chance: probability of such a difference without a cause, for all modes together; None if
-            nothing was compared.
-        source: place, in the release's modes, of the one that has most of these failures; None
-            without failures.
-        same_as: place of an earlier release of the same build, where it contradicts a change and
-            the mode is undecided for that reason; None elsewhere.
+        status: status of the mode; None in releases before the mode was found.
+        failures: number of failures that belong to the mode.
+        chance: probability that such a difference arises by chance, for all modes together; None
+            without a comparison.
+        source: place of the release's mode with the largest share of the failures; None without
+            failures.
+        same_as: place of an earlier release of the same build, if it contradicts a change and the
+            mode is therefore undecided; otherwise None.
     """
 
     status: ModeStatus | None
@@ -71,10 +72,10 @@ Sightings = tuple[Sighting, ...]
 
 
 class _Known:
-    """A mode that an earlier release has: its failures, and the numbers that tests compare.
+    """A mode of earlier releases: its failures, and the numbers that the tests compare.
 
-    Releases with the same noise, as of campaigns with the same seeds, are one sample and no several
-    ones: of these the newest counts.
+    Releases with the same noise, such as campaigns with the same seeds, are one sample. Only the
+    newest of them counts.
     """
 
     def __init__(self, points: mode_regions.Points) -> None:
@@ -92,16 +93,16 @@ class _Known:
 
     @property
     def episodes_with(self) -> int:
-        """Number of episodes of these releases."""
+        """Number of episodes in the releases that have the mode."""
         return sum(episodes for _, episodes in self.present.values())
 
     @property
     def episodes_without(self) -> int:
-        """Number of episodes of the releases since then."""
+        """Number of episodes in the releases since then, which do not have the mode."""
         return sum(self.without.values())
 
     def keep(self, points: mode_regions.Points) -> None:
-        """Add failures; of more than `MOST_KEPT`, evenly spaced ones are kept."""
+        """Add failures, and keep at most `MOST_KEPT`, evenly spaced."""
         # A bound for a long history of releases; evenly spaced, so that none of them is favoured.
         merged = np.concatenate([self.points, points])
         kept = min(len(merged), MOST_KEPT)
@@ -110,10 +111,10 @@ class _Known:
 
 
 def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[Sightings, ...]:
-    """Return what became of each mode, by release, in the order in which the modes were found.
+    """Return the sightings of each mode by release, with the modes in the order of their discovery.
 
-    All modes of the first release are first seen in it. If an earlier release has the same
-    build, the newest of these is what changes are judged by: what it has, the planner still has.
+    All modes of the first release are first seen in it. If earlier releases have the same build,
+    changes are checked against the newest of them: the planner is unchanged and has the same modes.
 
     Args:
         releases: the releases, oldest first.
@@ -141,12 +142,12 @@ def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[S
 
 
 class _Comparison:
-    """Compares a release with the modes that earlier ones have.
+    """Compares a release with the modes of earlier releases.
 
     Args:
         place: number of the release, from 0.
         release: the release.
-        known: modes of earlier releases; those of this one are added.
+        known: modes of earlier releases; new modes of this release are added.
         earlier: number of episodes of earlier releases.
         same_as: place of the newest earlier release of the same build; None without one.
     """
@@ -167,7 +168,7 @@ class _Comparison:
         self._same_as = same_as
 
     def run(self, pieces: Sequence[mode_regions.FailureGroup]) -> None:
-        """Add a sighting to each mode, and the modes that no earlier release has."""
+        """Add a sighting to each known mode, and add the modes that are new."""
         spreads = [mode_regions.measure_spread(each.points) for each in pieces]
         usual = mode_regions.find_usual_radius([*(each.spread for each in self._known), *spreads])
         regions = [
@@ -198,7 +199,7 @@ class _Comparison:
         region: mode_regions.ModeRegion,
         regions: Sequence[mode_regions.ModeRegion],
     ) -> NDArray[np.intp] | None:
-        """Return the mode of earlier releases of each failure; None if the mode is another.
+        """Return the earlier mode of each failure; None if the mode is a new one.
 
         Args:
             points: failures of a mode of this release.
@@ -261,7 +262,7 @@ class _Comparison:
         return Sighting(status, 0, chance)
 
     def _find_contradiction(self, mode: _Known, is_present: bool) -> int | None:
-        """Return the release of the same build if the mode is there in only one of the two."""
+        """Return the release of the same build if only one of both releases has the mode."""
         if self._same_as is None:
             return None
         was_present = bool(mode.sightings[self._same_as].failures)
@@ -287,8 +288,8 @@ class _Comparison:
     def _test(self, failures: float, episodes: int, without: int) -> float:
         """Return the probability that all failures are on one side, if both have one rate.
 
-        Of two sides, one with so many episodes has the failures, and one has none; 1 if the
-        episodes are no random sample.
+        One side has `episodes` and all failures, the second side has `without` episodes and no
+        failures. The result is 1 if the episodes are not a random sample.
         """
         if not self._release.is_random or not episodes or not without:
             return 1.0

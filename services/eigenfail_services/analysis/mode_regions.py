@@ -1,7 +1,7 @@
-"""Regions of failures by what the ego does: which lie together, and how far they reach.
+"""Regions of failures by the ego's behaviour: groups of failures and their radius.
 
-A point is the smoothed acceleration of the ego before the end of a failure, and the vehicle that
-was struck. The distance of two points is a root mean square over the steps. [m/s²]
+A point is the smoothed acceleration of the ego before the end of a failure, and the struck vehicle.
+The distance of two points is a root mean square over the steps. [m/s²]
 """
 
 from collections import Counter
@@ -37,11 +37,11 @@ MOST_STEPS = 50
 
 
 class ModeBehaviours(NamedTuple):
-    """What the ego did in some failures of a mode, which stand for all of them.
+    """The ego's behaviour in some failures of a mode, which represent all its failures.
 
     Attributes:
-        accelerations: before the end of each, shape (failures, steps). [m/s²]
-        struck: number of the vehicle that the ego collided with in each; empty if not known.
+        accelerations: accelerations before the end of each failure, shape (failures, steps). [m/s²]
+        struck: number of the vehicle that the ego hit in each failure; empty if unknown.
         failures: number of failures of the mode.
     """
 
@@ -55,7 +55,7 @@ class ModeRegion(NamedTuple):
 
     Attributes:
         centre: mean of its failures, shape (columns,). [m/s²]
-        radius: distance from the centre within which failures belong to it. [m/s²]
+        radius: distance from the centre within which failures belong to the mode. [m/s²]
     """
 
     centre: Points
@@ -72,8 +72,8 @@ class FailureGroup(NamedTuple):
 
     Attributes:
         points: shape (failures, columns).
-        failures: number of failures that these stand for.
-        source: place of the release's mode that most of them belong to.
+        failures: number of failures that the points represent.
+        source: place of the release's mode that most of the failures belong to.
     """
 
     points: Points
@@ -117,10 +117,10 @@ def _make_points(
 def separate_failures(
     clouds: Sequence[Points], modes: Sequence[ModeBehaviours]
 ) -> list[FailureGroup]:
-    """Return the failures of a release by what lies apart from each other, the most first.
+    """Return the separate groups of a release's failures, the largest first.
 
-    The modes of an analysis are as many as its silhouette prefers: if there is one, it is often
-    divided, and if one is far from the others, these are often one.
+    An analysis has as many modes as its silhouette prefers. It often divides a single mode. If one
+    mode is far from the rest, it often joins the rest. So modes are split and merged here.
 
     Args:
         clouds: points of each mode of the release.
@@ -158,7 +158,7 @@ def _merge(one: FailureGroup, other: FailureGroup) -> FailureGroup:
 
 
 def _split(points: Points) -> list[Points]:
-    """Return parts of failures that are apart, as far as halves along the longest axis show it."""
+    """Return the parts of failures that are apart, found by halving along the longest axis."""
     if len(points) < 2 * FEWEST_FOR_RADIUS:
         return [points]
     centred = points - points.mean(axis=0)
@@ -181,7 +181,7 @@ def _split(points: Points) -> list[Points]:
 
 
 def _measure_gap(one: Points, other: Points) -> float:
-    """Return the distance of two centres in units of that from which on they are of two modes."""
+    """Return the distance of two centres, relative to the least distance of two modes."""
     line = other.mean(axis=0) - one.mean(axis=0)
     distance = float(np.linalg.norm(line))
     if distance == 0.0:
@@ -195,7 +195,7 @@ def _measure_gap(one: Points, other: Points) -> float:
 
 
 def measure_spread(points: Points) -> float:
-    """Return the distance of failures from the centres of bootstrap samples without them.
+    """Return the distance of failures from the centres of bootstrap samples that omit them.
 
     Returns:
         The quantile `INSIDE` over all bootstrap samples; not a number if there are fewer
@@ -217,7 +217,7 @@ def measure_spread(points: Points) -> float:
 
 
 def find_usual_radius(spreads: Sequence[float]) -> float:
-    """Return the median of the spreads that are numbers, or else the resolution. [m/s²]"""
+    """Return the median of the known spreads, but at least the resolution. [m/s²]"""
     radii = [each for each in spreads if isfinite(each)]
     return max(behaviour.RESOLUTION_MPS2, float(np.median(radii)) if radii else 0.0)
 
@@ -228,7 +228,7 @@ def find_region(points: Points, spread: float, usual: float) -> ModeRegion:
     Args:
         points: the failures, shape (failures, columns).
         spread: their spread, as `measure_spread` returns it. [m/s²]
-        usual: radius of a mode with too few failures for one of its own. [m/s²]
+        usual: radius for modes with too few failures to estimate their radius. [m/s²]
     """
     own = spread if isfinite(spread) else usual
     return ModeRegion(points.mean(axis=0), max(behaviour.RESOLUTION_MPS2, own))

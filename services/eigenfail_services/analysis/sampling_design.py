@@ -1,4 +1,4 @@
-"""The choice of estimator: what a number of failures among episodes may state, by their design."""
+"""Choice of the estimator of a failure rate, by the design of the episodes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,17 +23,16 @@ OPEN_WAS_FINISHED = "The round that was open was finished."
 
 
 class SamplingDesign(NamedTuple):
-    """How the episodes of campaigns came about, which decides what their rates may state.
+    """The design of campaigns' episodes, which decides on the estimator of their rates.
 
-    Every figure takes its estimate and its interval from here.
+    All figures take their estimates and intervals from this class.
 
     Attributes:
-        methods: of the campaigns. Only where all of them draw noise from p(x) are the episodes a
-            random sample.
-        judges_failures: whether a stop rule on failures may have ended one of them. Their number of
-            episodes is then no fixed one, so that neither k ÷ n nor Wilson's interval is that of
-            such a sample.
-        ends: how the rule `failures` ended the episodes of one campaign, where that is known.
+        methods: methods of the campaigns. The episodes are a random sample only if all methods draw
+            noise from p(x).
+        judges_failures: whether a stop rule on failures may have ended a campaign. The number of
+            episodes is then not fixed, so neither k ÷ n nor Wilson's interval holds.
+        ends: how the rule `failures` ended the episodes of one campaign, if it is known.
     """
 
     methods: tuple[str, ...]
@@ -44,32 +43,32 @@ class SamplingDesign(NamedTuple):
     def of(cls, specs: Sequence[CampaignSpec]) -> "SamplingDesign":
         """Return the design of campaigns whose episodes are counted together.
 
-        Also that of other events than failures, in the episodes of one campaign: no exact design is
-        known of these, but a confidence sequence holds at the end of any campaign.
+        The design also covers events other than failures in one campaign. An exact design is not
+        known for them, but a confidence sequence holds at the end of any campaign.
         """
         judges = any(spec.stop.judges_failures for spec in specs)
         return cls(tuple(spec.method for spec in specs), judges)
 
     @classmethod
     def of_failures(cls, campaigns: Sequence[Campaign]) -> "SamplingDesign":
-        """Return the design of the failures in all episodes of campaigns, of one or several."""
+        """Return the design of the failures in all episodes of one or several campaigns."""
         design = cls.of([campaign.spec for campaign in campaigns])
         if len(campaigns) == 1 and design.judges_failures and design.is_sampled:
             return design._replace(ends=find_end(campaigns[0]))
         return design
 
     def make_rate(self, k: int, n: int, errored: int = 0, unresolved: int = 0) -> Rate:
-        """Return k of n episodes, with estimate and interval that hold; without for a search.
+        """Return the rate of k in n episodes with a valid interval; without interval for a search.
 
         Args:
             k: number of events.
             n: number of completed episodes.
-            errored: number of episodes besides the n that errored, and may hide an event.
-            unresolved: number of the n that ended before what may have become an event. At most
-                n - k count: this number may have been read after k and n.
+            errored: number of errored episodes besides the n; each may hide an event.
+            unresolved: number of the n that ended before a possible event. At most n - k count,
+                because this number may have been read after k and n.
 
         Raises:
-            InvalidValue: no episode, or not 0 <= k <= n.
+            InvalidValue: n is 0, or not 0 <= k <= n.
         """
         unresolved = min(unresolved, n - k)
         fixed = rate(k, n, errored, unresolved)
@@ -83,7 +82,7 @@ class SamplingDesign(NamedTuple):
         return replace(fixed, interval=interval, design=RateDesign.SEQUENCE)
 
     def find_bounds(self, found: Rate) -> Interval:
-        """Return the two-sided interval of a rate, also where all episodes ended alike.
+        """Return the two-sided interval of a rate, even if all episodes ended alike.
 
         The upper end counts errored and unresolved episodes as events, as in `make_rate`.
         """
@@ -96,7 +95,7 @@ class SamplingDesign(NamedTuple):
 
     @property
     def is_sampled(self) -> bool:
-        """Whether all episodes are drawn from p(x)."""
+        """True if all episodes are drawn from p(x)."""
         return all(traits_of(method).draws_from_prior for method in self.methods)
 
 
@@ -126,9 +125,9 @@ def _bound_stopped(ends: StoppedTrials, found: Rate) -> Interval:
 def find_end(campaign: Campaign) -> StoppedTrials | None:
     """Return how the rule `failures` ended the episodes of a campaign so far.
 
-    None if that is not known: with a second rule that judges failures, rounds of unknown size,
-    and of a campaign with enough failures whose end is still to come, or with errored episodes,
-    which leave its rounds with fewer completed ones.
+    None if the end is unknown, which is always so if a second rule judges failures. With enough
+    failures, it is also unknown if the size of the rounds is unknown, if the end is still to come,
+    or if episodes errored: they leave fewer completed episodes in the rounds.
     """
     limit, counts = campaign.spec.stop.failures, campaign.counts
     if limit is None or campaign.spec.stop.half_width is not None:
@@ -154,7 +153,7 @@ def _place_end(campaign: Campaign, limit: int, size: int, ahead: int) -> Stopped
 
 
 def _find_rounds(spec: CampaignSpec) -> tuple[int, int] | None:
-    """Return the size of a campaign's rounds, and how many are open besides the oldest one."""
+    """Return the size of a campaign's rounds, and the number of open rounds besides the oldest."""
     try:
         description = describe_method(spec.method)
         settings = description.read_settings(spec.settings, "settings")

@@ -1,4 +1,4 @@
-"""How failures change during training (paper, figure of the disturbances), and mode collapse.
+"""Change of failures during training (paper, figure of the disturbances), and mode collapse.
 
 Clustering finds groups in anything, even in pure noise. Clusters count as modes only if the
 analysis calls them distinct; otherwise all failures are one mode.
@@ -21,12 +21,12 @@ SHOWN_COMPONENTS = 3
 def summarize_training(
     failures: Aligned, space: ComponentSpace, episodes: Mapping[int, int]
 ) -> tuple[analysis.TrainingInterval, ...]:
-    """Ten intervals of the episodes, each with its failures' mean and their own components.
+    """Return ten intervals of the episodes, with mean and components of each one's failures.
 
     Args:
         failures: failures of one or several campaigns.
-        space: the components of all of them.
-        episodes: how many of each campaign have ended, by its id.
+        space: the components of all failures.
+        episodes: number of ended episodes of each campaign, by its id.
     """
     tenths = find_tenths(failures, episodes)
     return tuple(
@@ -36,7 +36,7 @@ def summarize_training(
 
 
 def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.int64]:
-    """In which tenth of its campaign each failure was found, from 0, shape (failures,)."""
+    """Return the tenth of its campaign that each failure falls in, from 0, shape (failures,)."""
     tenths = np.zeros(len(failures.episodes), np.int64)
     for campaign in np.unique(failures.campaigns).tolist():
         own = failures.campaigns == campaign
@@ -50,7 +50,7 @@ def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.in
 def _summarize_interval(
     failures: Aligned, space: ComponentSpace, tenth: int, rows: NDArray[np.intp]
 ) -> analysis.TrainingInterval:
-    """Return an interval of the training, with the failures in these rows."""
+    """Return a training interval with the failures in `rows`."""
     own = failures._replace(noise=failures.noise[rows])
     mean = np.zeros((failures.horizon, len(failures.channels)))
     for block in iterate_blocks(own.noise):
@@ -83,11 +83,11 @@ Labels = NDArray[np.int64]
 def measure_diversity(
     failures: Aligned, result: analysis.AnalysisResult, episodes: Mapping[int, int]
 ) -> analysis.Diversity:
-    """How the failures of campaigns spread over the modes that an analysis found.
+    """Return how the failures of campaigns spread over the modes of an analysis.
 
     Args:
-        failures: those that were analysed.
-        result: what the analysis found.
+        failures: analysed failures.
+        result: result of the analysis.
         episodes: number of ended episodes of each campaign, by its id, for `count_coverage`.
     """
     labels = np.array(result.labels if result.distinct else [0] * len(result.labels))
@@ -106,10 +106,10 @@ def measure_diversity(
 
 
 def count_effective_modes(shares: NDArray[np.float64]) -> float:
-    """exp(−sum p log p): how many equally large modes would be as diverse.
+    """Return the number of equally large modes with the same diversity: exp(−sum p log p).
 
     Args:
-        shares: p, of the failures, shape (modes,).
+        shares: p, share of the failures in each mode, shape (modes,).
 
     Source: Hill 1973, Ecology 54, 427–432, order 1.
     """
@@ -117,21 +117,21 @@ def count_effective_modes(shares: NDArray[np.float64]) -> float:
 
 
 def count_coverage(labels: Labels, tenths: Labels) -> tuple[int, ...]:
-    """How many of the modes had been seen after each tenth of the episodes.
+    """Return the number of modes that were seen after each tenth of the episodes.
 
     Args:
         labels: the mode of each failure, shape (failures,).
-        tenths: tenth of its campaign in which each was found, from 0, shape (failures,).
+        tenths: tenth of its campaign that each failure falls in, from 0, shape (failures,).
     """
     first = [int(tenths[labels == mode].min()) for mode in np.unique(labels)]
     return tuple(sum(seen <= tenth for seen in first) for tenth in range(TENTHS))
 
 
 def measure_spread(failures: Aligned) -> float | None:
-    """How much the failures differ from each other in each step that at least two of them reach.
+    """Return the spread of the failures' noise over steps that at least two failures reach.
 
-    Root mean square over these steps and all channels of the standard deviation (n − 1) of z;
-    None if there is no such step. [sigma]
+    Root mean square over these steps and all channels of the standard deviation (n − 1) of z; None
+    if such steps do not exist. [sigma]
     """
     reached = np.zeros((failures.horizon, 1))
     # In two passes, as the difference of a mean square and a squared mean loses digits.
@@ -149,7 +149,7 @@ def measure_spread(failures: Aligned) -> float | None:
 
 
 def describe_collapse(result: analysis.AnalysisResult, shares: NDArray[np.float64]) -> str:
-    """How many modes, and how evenly they were found, in words."""
+    """Return the number of modes, and how evenly they were found, in words."""
     if not result.distinct:
         return result.verdict
     return (
@@ -160,13 +160,13 @@ def describe_collapse(result: analysis.AnalysisResult, shares: NDArray[np.float6
 
 
 def _write_warning(failures: int, modes: int, largest: float, wide: float | None) -> str:
-    """That the modes have collapsed, and what to try; nothing said of a few failures.
+    """Return a warning of mode collapse with a remedy; empty without collapse or for few failures.
 
-    A single mode is not a collapse by itself: a planner may have no second. It is one where the
-    failures hardly differ, for noise that makes a planner fail leaves most of itself free.
+    A single mode alone is not a collapse: a planner may have only one. It is a collapse if the
+    failures hardly differ, because most of the noise that makes a planner fail is free to vary.
 
-    The digests of stored results rest on these words, which therefore stay as they are; people read
-    `Diversity.collapse`.
+    The digests of stored results depend on these words, which must therefore not change. People
+    read `Diversity.collapse` instead.
     """
     if failures < LEAST_FAILURES:
         return ""

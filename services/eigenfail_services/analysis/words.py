@@ -1,8 +1,8 @@
 """Sentences about noise and about a planner's account of an episode, from plain templates.
 
-They say in which direction noise shifts perceived values, how strongly, and when; and which rule
-of the planner decided, was overridden, or was lost. Times count back from the impact, the end of
-the last step: noise in the last step of 0.1 s acts from 0.1 to 0.0 s before it.
+The sentences describe the direction, strength and time of shifts in perceived values. They also
+name the planner's rules that decided, and its overrides and lost tracks. Times count back from the
+impact, the end of the last step: noise in the last step of 0.1 s acts from 0.1 to 0.0 s before it.
 """
 
 from collections import Counter
@@ -49,9 +49,9 @@ class Push(NamedTuple):
     """Noise of one sign in one channel.
 
     Attributes:
-        first: its first step; `last` its last, included.
-        steps: those between the two that push at least as strongly as was asked for.
-        mean: mean of z over these steps; `peak` the strongest of them. [sigma]
+        first: first step; `last` is the last step, included.
+        steps: number of steps between both that reach the wanted level.
+        mean: mean of z over these steps; `peak` is their strongest value. [sigma]
     """
 
     first: int
@@ -65,8 +65,8 @@ class ChannelNoise(NamedTuple):
     """The noise of one channel, with its description.
 
     Attributes:
-        noise: z, or whether an event lasts, shape (steps,).
-        level: steps with less are left out.
+        noise: z, or 1 while an event lasts, shape (steps,).
+        level: steps with less noise are left out.
     """
 
     name: str
@@ -76,12 +76,12 @@ class ChannelNoise(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """When a step is, seen from the impact.
+    """The time of steps, counted back from the impact.
 
     Attributes:
-        impact: number of steps until it; what comes after does not count.
-        step_s: duration of a step; None if it has none. [s]
-        event: what comes at its end.
+        impact: number of steps until the impact; later steps do not count.
+        step_s: duration of a step; None if steps are not timed. [s]
+        event: name of the event that ends the steps.
     """
 
     impact: int
@@ -89,14 +89,14 @@ class Clock(NamedTuple):
     event: str = "the impact"
 
     def describe_time(self, step: int) -> str:
-        """Return when a step begins."""
+        """Return the time at which a step begins."""
         before = self.impact - step
         if self.step_s is None:
             return f"{before} steps before {self.event}"
         return f"{before * self.step_s:.1f} s before {self.event}"
 
     def describe_span(self, first: int, last: int) -> str:
-        """Return the times from the beginning of a step to the end of another one."""
+        """Return the time from the beginning of one step to the end of another step."""
         before = self.impact - first, self.impact - last - 1
         if self.step_s is None:
             return f"{before[0]} … {before[1]} steps"
@@ -107,13 +107,13 @@ class Clock(NamedTuple):
 def describe(
     z: Floats, clock: Clock, channels: Sequence[str] = AXES, shape: NoiseShape = WHITE
 ) -> str:
-    """What noise that is everywhere does in the main: its strong moments in each channel.
+    """Describe noise that is present at all steps, by its strong moments in each channel.
 
     Args:
         z: shape (steps, channels). [sigma]
-        clock: when the impact is.
+        clock: time of the impact.
         channels: the names of the columns of z.
-        shape: shape of the noise, by which events and what is drawn once follow from z.
+        shape: shape of the noise, which turns z into events and values that are drawn once.
     """
     # A level for each channel: the strongest one would hide the moments of all others.
     columns = [
@@ -127,7 +127,7 @@ def describe(
 
 
 def _list_columns(z: Floats, channels: Sequence[str], shape: NoiseShape) -> list[ChannelNoise]:
-    """Return the noise of each channel: z, or u where z by itself says little."""
+    """Return the noise of each channel: z, or u for channels whose z alone says little."""
     if not isinstance(shape, PerChannel):
         pairs = zip(channels, z.T, strict=True)
         return [ChannelNoise(name, noise, 0.0, is_event=False) for name, noise in pairs]
@@ -141,13 +141,13 @@ def _list_columns(z: Floats, channels: Sequence[str], shape: NoiseShape) -> list
 def describe_needed(
     z: Floats, clock: Clock, channels: Sequence[str] = AXES, shape: NoiseShape = WHITE
 ) -> str:
-    """What noise does of which every step counts, as in a minimal failure: all there is of it.
+    """Describe noise whose steps all count, as in a minimal failure.
 
     Args:
         z: shape (steps, channels), zero if nothing is needed. [sigma]
-        clock: when the impact is.
+        clock: time of the impact.
         channels: the names of the columns of z.
-        shape: shape of the noise, by which events follow from z.
+        shape: shape of the noise, which turns z into events.
     """
     # What comes after the impact cannot have caused it.
     if not z[: clock.impact].any():
@@ -157,11 +157,11 @@ def describe_needed(
 
 
 def find_pushes(noise: Floats, level: float) -> list[Push]:
-    """Return the moments of one channel in which noise reaches a level, the strongest first.
+    """Return the moments of one channel whose noise reaches a level, the strongest first.
 
     Args:
         noise: shape (steps,). [sigma]
-        level: steps below it are left out; noise of 0 always is.
+        level: steps below it are left out; noise of 0 is always left out.
     """
     strengths = [
         (step, value) for step, value in enumerate(noise.tolist()) if value and abs(value) >= level
@@ -188,13 +188,13 @@ def _push(run: Sequence[tuple[int, float]]) -> Push:
 
 
 def _choose_level(noise: Floats) -> float:
-    """Return the level above which noise of a channel is mentioned. [sigma]"""
+    """Return the least noise of a channel that is described. [sigma]"""
     strongest = float(np.abs(noise).max(initial=0.0))
     return float("inf") if strongest < FAINT else TELLING * strongest
 
 
 def _rank_columns(columns: Sequence[ChannelNoise]) -> list[tuple[ChannelNoise, list[Push]]]:
-    """Return all channels with their pushes, the one with the strongest pushes first."""
+    """Return all channels with their pushes, the channel with the strongest pushes first."""
     found = [(column, find_pushes(column.noise, column.level)) for column in columns]
     return sorted(found, key=lambda each: -sum(map(_sum_push, each[1])))
 
@@ -205,7 +205,7 @@ def _describe_columns(
     most_pushes: int,
     most_channels: int,
 ) -> str:
-    """Return a sentence on the first channels, and how many further ones there are."""
+    """Return a sentence on the first channels, with the number of further channels."""
     phrases = []
     for column, pushes in ranked[:most_channels]:
         phrase = _describe_column(column, pushes[:most_pushes], clock)
@@ -239,7 +239,7 @@ def _describe_column(column: ChannelNoise, found: Sequence[Push], clock: Clock) 
 
 
 def _describe_event(push: Push, _channel: str, clock: Clock) -> str:
-    """Return when an event lasts."""
+    """Return the time span of an event."""
     length = push.last - push.first + 1
     some = "" if push.steps == length else f"in {push.steps} of {length} steps "
     return f"{some}during {clock.describe_span(push.first, push.last)}"
@@ -260,11 +260,11 @@ MOST_RULES = 2
 
 
 def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
-    """The planner's own account of an episode in a sentence; empty if there is nothing to tell.
+    """Return the planner's own account of an episode in a sentence; empty without content.
 
-    An episode that fails alike without noise is said to do so first.
+    If the episode also fails without noise, the sentence begins with this fact.
 
-    The names looked for in the account are those of `ExplainingPlanner`.
+    `ExplainingPlanner` defines the names that are read from the account.
     """
     steps = episode.steps[: clock.impact]
     phrases = [
@@ -278,7 +278,7 @@ def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
 
 
 def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:
-    """Which rules decided, and in how many of the steps."""
+    """Yield the rules that decided, with their numbers of steps."""
     counted = Counter(rule for step in steps if (rule := read_word(step, "rule")) not in NOTHING)
     if counted:
         shares = (
@@ -289,7 +289,7 @@ def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[s
 
 
 def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
-    """An override of the plan, from when to when."""
+    """Yield the overrides of the plan with their times."""
     names = [read_word(step, "override") for step in steps]
     # Sorted, so that the same episode has the same words in every process.
     for name in sorted({*names} - NOTHING):
@@ -309,7 +309,7 @@ def _describe_losses(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[s
 
 
 def _count(step: ExplainedStep, name: str) -> float:
-    """A number of the account; 0 if it has none of that name, or anything but a number there."""
+    """Return a number of the account; 0 if the name is missing or its value is not a number."""
     try:
         return float(step.account.get(name, 0.0))
     except (TypeError, ValueError):
@@ -317,5 +317,5 @@ def _count(step: ExplainedStep, name: str) -> float:
 
 
 def _make_plain(name: str) -> str:
-    """A name as people read it."""
+    """Return a name in readable form."""
     return name.replace("_", " ")

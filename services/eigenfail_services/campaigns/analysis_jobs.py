@@ -1,6 +1,6 @@
-"""Analyses of campaigns: which failures each is made of, and the processes that compute it.
+"""Analyses of campaigns: their failures, and the processes that compute them.
 
-Each analysis runs in a process of its own: a heavy one slows nothing else, and its end is its own.
+Each analysis runs in a separate process: if it is slow or dies, nothing else suffers.
 """
 
 import os
@@ -54,11 +54,11 @@ class AnalysisBasis(NamedTuple):
     """Campaigns that an analysis takes its failures from.
 
     Attributes:
-        campaigns: each once, the first one first; with their states from before their failures
-            are read, so that whatever has ended is read whole.
+        campaigns: each campaign once, the analysed campaign first. Their states are read before
+            their failures, so that the failures of an ended campaign are complete.
         form: length and channels of their episodes.
-        step_s: duration of a step; None if it has none, and if failures do not end at a
-            collision, to which times could be told. [s]
+        step_s: duration of a step; None if steps are without a duration, or if failures need not
+            end in a collision to measure times from. [s]
         has_road: whether an ego drives in them.
     """
 
@@ -102,13 +102,13 @@ class AnalysisBasis(NamedTuple):
 
 
 def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> AnalysisBasis:
-    """Return the basis of an analysis of a campaign and of those that its settings name.
+    """Return the basis of an analysis of a campaign and the further campaigns in its settings.
 
     Raises:
-        NotFound: there is no such campaign.
-        UnknownName: the settings name no channel of its noise.
-        InvalidValue: there is no such further campaign, or it does not go together with the first;
-            or a setting that the clusterer would not heed, or an alignment that means nothing.
+        NotFound: the campaign does not exist.
+        UnknownName: the settings name a channel that its noise does not have.
+        InvalidValue: a further campaign does not exist or cannot be analysed together with the
+            first; or the clusterer would ignore a setting; or the alignment is meaningless here.
     """
     check_clusterer(settings)
     first = store.campaigns.get(campaign)
@@ -202,8 +202,8 @@ class AnalysisJobs:
     """Starts a process for each claimed analysis, and records its end.
 
     Args:
-        database: URL of the store; handed on in the environment, where no list of processes
-            shows its password.
+        database: URL of the store; passed in the environment, so that process lists do not show its
+            password.
         bounds: limits of each process.
     """
 
@@ -315,7 +315,7 @@ def leaves_early_out(settings: AnalysisSettings, campaigns: Sequence[Campaign]) 
 def find_first_samples(campaigns: Sequence[Campaign]) -> dict[int, int]:
     """Return the index of the first episode whose failure is a sample, by id of a campaign.
 
-    Campaigns whose method has no burn-in are left out.
+    Only campaigns of methods with a burn-in are included.
     """
     found = {each.id: _find_first_sample(each.spec) for each in campaigns}
     return {campaign: first for campaign, first in found.items() if first}
@@ -347,7 +347,7 @@ def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) 
 def _describe_grouping(
     base: AnalysisBasis, settings: AnalysisSettings, result: AnalysisResult
 ) -> Iterator[str]:
-    """Yield that failures on a road were not grouped by behaviour, as was asked for."""
+    """Yield a remark if failures on a road were not grouped by behaviour despite the request."""
     if settings.features != result.features and base.has_road:
         yield (
             f"The failures were grouped by {describe_grouping(result)}: the speed of the ego is "
@@ -356,7 +356,7 @@ def _describe_grouping(
 
 
 def _describe_given_number(settings: AnalysisSettings, result: AnalysisResult) -> Iterator[str]:
-    """Yield that the number of distinct modes was given, not found."""
+    """Yield a remark if the number of distinct modes was given, instead of found."""
     if settings.clusters is not None and result.distinct:
         yield (
             f"The number of modes, {settings.clusters}, was given (clusters): distinct are the "
@@ -408,9 +408,9 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     """Return the failure modes among the failures that are stored by now.
 
     Raises:
-        UnknownName: the settings name no channel of the noise.
-        InvalidValue: there is no failure, or one that does not fit; or the campaigns do not go
-            together.
+        UnknownName: the settings name a channel that the noise does not have.
+        InvalidValue: the campaigns are without failures, a failure does not fit, or the campaigns
+            cannot be analysed together.
     """
     # scikit-learn takes a second to load.
     from eigenfail_services.analysis.alignment import EarlyFailures, FailureBatch, gather_failures

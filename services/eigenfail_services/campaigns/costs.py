@@ -75,7 +75,7 @@ def _find_known_modes(store: Store, campaign: Campaign) -> campaign_figures.Know
 def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
     """Return the newest finished analysis of a campaign; None before there is one.
 
-    One that was asked for of another campaign, and took this one in, is that campaign's.
+    An analysis that was requested for another campaign and includes this one is not considered.
     """
     page = store.analyses.page(MAX_ANALYSES_SEARCHED, campaign=campaign.id)
     done = (each.id for each in page.items if each.state is AnalysisState.DONE)
@@ -86,7 +86,7 @@ def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
 def _find_first_failures(result: AnalysisResult, campaign: int) -> list[int]:
     """Return the lowest index among the campaign's failures of each mode.
 
-    A mode with too few failures to show one is not counted, as in the verdict of the analysis.
+    A mode with too few failures to establish it is not counted, as in the verdict of the analysis.
     """
     owners = result.campaigns or (campaign,) * len(result.episodes)
     first: dict[int, int] = {}

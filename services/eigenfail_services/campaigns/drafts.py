@@ -56,12 +56,12 @@ Fields = Mapping[str, Any]
 
 
 def validate_campaign(spec: CampaignSpec, store: Store) -> ResolvedCampaign:
-    """Resolve a campaign that can be launched if the connected bridges offer what it needs.
+    """Resolve a campaign that can be launched if the connected bridges meet its needs.
 
     Raises:
         UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
-        InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
-            the settings name does not exist or is of no use.
+        InvalidValue: an impossible value; or the settings name an earlier campaign, an analysis or
+            an episode that does not exist or cannot be used.
     """
     campaign = validation.check_spec(spec)
     check_references(campaign, store)
@@ -73,18 +73,19 @@ def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
 
     Raises:
         UnknownName: a field, plug-in, setting or parameter that does not exist.
-        InvalidValue: a value of the wrong type, outside its bounds, or missing; or something is
-            built upon that does not exist.
+        InvalidValue: a value of the wrong type, outside its bounds, or missing; or the campaign
+            builds on something that does not exist.
     """
     return validate_campaign(read_fields(given, CampaignSpec), store)
 
 
 def read_drafts(given: Sequence[Any], store: Store) -> list[ResolvedCampaign]:
-    """Resolve the campaigns that a list asks for, each from its fields.
+    """Resolve the campaigns of a list, each from its fields.
 
     Raises:
-        UnknownName: one has a field, plug-in or setting that does not exist; its place is named.
-        InvalidValue: one has a value that cannot be; or there are none, or too many.
+        UnknownName: a campaign has a field, plug-in or setting that does not exist; the error names
+            its place.
+        InvalidValue: a campaign has an impossible value; or the list is empty or too long.
     """
     if not 1 <= len(given) <= MAX_CAMPAIGNS_AT_ONCE:
         problem = f"the list has {len(given)} campaigns, not 1 to {MAX_CAMPAIGNS_AT_ONCE}."
@@ -104,7 +105,7 @@ def check_draft_offers(campaigns: Iterable[ResolvedCampaign], store: Store) -> N
     """Check that the connected bridges offer what the campaigns of a list need.
 
     Raises:
-        UnknownName: as `check_offers` does; the place of the campaign is named.
+        UnknownName: as `check_offers` does; the error names the place of the campaign.
         InvalidValue: likewise.
     """
     list_offers = cache(store.roster.list_offers)
@@ -115,7 +116,7 @@ def check_draft_offers(campaigns: Iterable[ResolvedCampaign], store: Store) -> N
 
 @contextlib.contextmanager
 def move_errors(where: str) -> Iterator[None]:
-    """Raise errors inside as those of a value inside something else, which stands at `where`."""
+    """Raise the block's errors with `where` in front of their field."""
     try:
         yield
     except InputError as error:
@@ -134,9 +135,9 @@ def rename_field(error: InputError, field: str) -> InputError:
 def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     """Return everything that is wrong with a campaign.
 
-    A campaign is refused for its first problem. So each offending value is taken out, and what is
-    left is read again, until it is in order. Only a complete campaign is compared with the offers
-    of bridges: the default of a value that was taken out need not be among them.
+    A campaign is refused for its first problem. So this function removes each offending value and
+    reads the rest again, until it finds no further problem. Only a complete campaign is compared
+    with the offers of bridges: a bridge need not offer the default of a removed value.
     """
     # Converters of structs stop at their first error, and plug-ins raise theirs one by one: that a
     # value is wrong shows only once those before it are out of the way.
@@ -209,7 +210,7 @@ def _take_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
 def clone(spec: CampaignSpec, changes: Fields) -> CampaignSpec:
     """Return a campaign like another, with some fields changed.
 
-    Settings and parameters are put over the earlier ones; with another plug-in the earlier ones
+    New settings and parameters override the earlier ones. If the plug-in changes, the earlier ones
     mean nothing and are left out.
 
     Raises:
@@ -238,7 +239,7 @@ class Continuation(msgspec.Struct, frozen=True):
     """A way to build on an earlier campaign.
 
     Attributes:
-        words: what it does.
+        words: description of its effect.
         changes: changes of the campaign's fields, by path.
     """
 
@@ -269,7 +270,7 @@ def list_continuations(campaign: Campaign) -> Iterator[Continuation]:
 
 
 def describe_repetition(spec: CampaignSpec) -> str:
-    """Return what more episodes of a campaign with the same seed begin with, in words."""
+    """Describe how a longer campaign with the same seed repeats the earlier episodes."""
     if traits_of(spec.method).draws_from_prior:
         return (
             f"With the same seed its first {spec.episodes:,} episodes are those of the earlier one "

@@ -54,9 +54,9 @@ class Explanations:
         """Return the planner's account of an episode; the first time takes seconds.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result yet.
-            InvalidValue: the episode has no course to explain.
-            ServiceError: the world is not installed here, or there was no answer in time.
+            NotFound: the campaign, or the result of the episode, does not exist.
+            InvalidValue: the episode does not have a course to explain.
+            ServiceError: the world is not installed here, or the answer did not come in time.
         """
         spec = store.campaigns.get(campaign).spec
         asked = encode_question(campaign, spec, store.episodes.get(campaign, index))
@@ -119,18 +119,18 @@ def _list_scene_rows(scene: Scene) -> Iterator[tuple[float, ...]]:
 def replay_episode(
     store: Store, campaign: int, index: int, scale: float, made_by: int | None = None
 ) -> Campaign:
-    """Queue a campaign of one episode, whose scene is kept, in the scenario that the stored drew.
+    """Queue a campaign that replays an episode in the scenario it drew, and keeps the scene.
 
     Args:
-        store: where the episode is.
+        store: store with the episode.
         campaign: campaign of the episode.
         index: index of the episode.
         scale: scale of the noise; 1 injects it as it was.
         made_by: id of the key of the request.
 
     Raises:
-        NotFound: no such campaign, or the episode has no result yet.
-        InvalidValue: the episode ended before its first step, so that there is no noise.
+        NotFound: the campaign, or the result of the episode, does not exist.
+        InvalidValue: the episode ended before its first step, without any noise.
         UnknownName: a plug-in of the campaign is not installed here.
         QuotaExceeded: the key does not allow another campaign.
     """
@@ -164,9 +164,9 @@ def describe_modes(
     """Describe each mode in a few sentences, in the order of the modes.
 
     Args:
-        store: where the medoids are.
+        store: store with the medoids.
         analysis: analysis that found the modes.
-        result: what it found.
+        result: result of the analysis.
         step_s: duration of a step; None if it has none. [s]
     """
     until_s = time.monotonic() + PATIENCE_S
@@ -184,7 +184,7 @@ def _describe_mode(
 ) -> str:
     """Describe the eigenfailure of a mode, its medoid, and what the planner did in the medoid.
 
-    Times are those of the medoid: an eigenfailure has no impact of its own until it is replayed.
+    Times refer to the medoid: an eigenfailure does not have an impact until it is replayed.
     """
     campaign = mode.medoid_campaign or campaign
     medoid = store.episodes.get(campaign, mode.medoid)
@@ -205,14 +205,14 @@ def _describe_account(
 ) -> str:
     """Describe what the planner did in an episode; empty without an account in time.
 
-    The planner is asked in a thread of its own. Whatever goes wrong there leaves the analysis as it
-    is; and one that never answers is left behind once, as the time of all others is spent with it.
+    The planner runs in a separate thread, so its errors do not affect the analysis. A planner that
+    never answers leaves only one thread behind, since it uses up the time of all further modes.
 
     Args:
         setup: setup of the episode's campaign.
         medoid: the episode.
         clock: its times.
-        until_s: when `time.monotonic` says so, the planner is not waited for. [s]
+        until_s: time of `time.monotonic` until which to wait for the planner. [s]
     """
     accounts: list[str] = []
 
@@ -242,8 +242,7 @@ def _explain_episode(
 ) -> Iterator[ExplainedEpisode]:
     """Yield an episode with the planner's account, then with its course without noise, too.
 
-    Nothing if workers are not installed, if there is no planner to be asked, and if it fails at the
-    question.
+    Yield nothing if workers are not installed, or if the planner is missing or fails.
     """
     with contextlib.suppress(EigenfailError):
         explainer: Explainer = plugins.load(plugins.EXPLAINERS, "default")

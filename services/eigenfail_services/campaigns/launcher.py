@@ -1,4 +1,4 @@
-"""Launchers of workers: what the services ask of them, and how their notices become events."""
+"""Launchers of workers: their interface, and how their notices become events."""
 
 import os
 import platform
@@ -36,7 +36,7 @@ def never() -> bool:
 
 
 class WorkerPool(Protocol):
-    """The hub, as far as launchers know it."""
+    """The part of the hub that launchers use."""
 
     def measure_demand(self) -> WorkerDemand:
         """Return the work that waits, and the connected workers."""
@@ -55,8 +55,9 @@ class WorkerLauncher(Protocol):
 
         Args:
             hub: its address.
-            key: what workers show there.
-            given_up: whether the caller has stopped waiting: then it returns, with nothing started.
+            key: the key that workers present there.
+            given_up: returns whether the caller has stopped waiting; then `start` returns without
+                starting anything.
 
         Raises:
             ClusterUnavailable: there is nowhere to start them.
@@ -130,8 +131,8 @@ class _LastingChange:
     """The time for which another number of workers has been needed, and the smallest change in it.
 
     Args:
-        lasts_s: how long until it counts. [s]
-        nearest: of two needs the one that is nearer to what there is.
+        lasts_s: how long a need must last to count. [s]
+        nearest: returns whichever of two needs is nearer to the present number.
     """
 
     def __init__(self, lasts_s: float, nearest: Callable[[int, int], int]) -> None:
@@ -157,11 +158,11 @@ class _LastingChange:
 class WorkerScale:
     """Target number of workers: rises after two seconds of need, falls after `idle_s`.
 
-    Whatever the work does, between a rise and the next fall there are at least `idle_s`, and
-    between a fall and the next rise two seconds.
+    Whatever the work does, at least `idle_s` pass between a rise and the next fall, and two seconds
+    between a fall and the next rise.
 
     Attributes:
-        wanted: how many to have.
+        wanted: the target number.
     """
 
     def __init__(self, span: Span) -> None:
@@ -206,10 +207,10 @@ def choose_surplus(
 
 
 class WorkerNames:
-    """The names of the workers that are to run: added and dropped with the need.
+    """The names of the workers that are to run, added and dropped with the demand.
 
     Attributes:
-        names: names in the order in which they were added.
+        names: the names, oldest first.
     """
 
     def __init__(self, span: Span) -> None:
@@ -220,7 +221,7 @@ class WorkerNames:
         self._fill(span.least)
 
     def look(self, now_s: float, demand: WorkerDemand) -> None:
-        """Adjust the names to the number that the work needs; working workers are never dropped."""
+        """Add or drop names to match the demand; working workers are never dropped."""
         # Workers that users started by hand take part of the work.
         others = len(demand.present.difference(self.names))
         wanted = self._scale.look(now_s, count_needed(demand.work) - others)

@@ -1,4 +1,4 @@
-"""The minimal failure that a campaign has come to, out of its learner's last state."""
+"""The minimal failure that a campaign has found, from its learner's last state."""
 
 from collections.abc import Sequence
 
@@ -26,7 +26,7 @@ def make_minimal_spec(store: Store, campaign: int, index: int, episodes: int) ->
     """Return the spec of a campaign that shrinks a failure, in the scenario that its episode drew.
 
     Raises:
-        NotFound: no such campaign, or the episode has no result yet.
+        NotFound: the campaign, or the result of the episode, does not exist.
     """
     spec, failure = store.campaigns.get(campaign).spec, store.episodes.get(campaign, index)
     return msgspec.structs.replace(
@@ -41,10 +41,10 @@ def make_minimal_spec(store: Store, campaign: int, index: int, episodes: int) ->
 
 
 def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
-    """Return what a campaign of `minimal` has shrunk its failure to, so far.
+    """Return the smallest failure that a campaign of `minimal` has found so far.
 
     Raises:
-        Conflict: it is one of another method, or no replay has failed yet.
+        Conflict: the campaign uses another method, or no replay has failed yet.
         ProtocolError: its checkpoint cannot be read.
     """
     facts, z = read_knowledge(store, campaign)
@@ -79,7 +79,7 @@ def read_knowledge(store: Store, campaign: Campaign) -> tuple[MinimalFacts, Floa
     """Return the facts and the noise of the campaign's learner after its last whole round.
 
     Raises:
-        Conflict: it is one of another method, or has not finished a round.
+        Conflict: the campaign uses another method, or has not finished a round.
         ProtocolError: its checkpoint cannot be read.
     """
     if campaign.spec.method != METHOD:

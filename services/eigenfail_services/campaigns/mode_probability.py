@@ -1,4 +1,4 @@
-"""The probability of each mode, where the campaign's method estimates it."""
+"""The probability of each mode, if the campaign's method estimates it."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,14 +44,14 @@ def add_probabilities(
 ) -> AnalysisResult:
     """Return the result with the probabilities of its modes.
 
-    Modes that are not distinct have none, nor have modes of several campaigns: their episodes
-    are drawn from different proposals. Of a campaign that had not ended it is said why there is
-    none: episodes go on to land, and their failures have no mode.
+    Modes that are not distinct get no probability. Modes of several campaigns get none either:
+    their episodes are drawn from different proposals. If a campaign had not ended, the result
+    states why it lacks probabilities: further failures arrive, which do not belong to a mode.
 
     Args:
-        store: where the episodes are.
-        campaigns: those of the result, as they stood before their failures were read.
-        result: what was found in their failures.
+        store: store with the episodes.
+        campaigns: the campaigns of the result, read before their failures.
+        result: the analysis of their failures.
     """
     (first, *others) = campaigns
     teller = ESTIMATORS.get(traits_of(first.spec.method).mode_probability)
@@ -91,7 +91,7 @@ def estimate_by_levels(
 
 
 def _read_robustness_m(row: EpisodeRow) -> float:
-    """Return the robustness; 0 of a failure, not a number where the episode errored. [m]"""
+    """Return the robustness; 0 for a failure, NaN if the episode errored or has none. [m]"""
     if row.outcome.is_failure:
         return 0.0
     ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
@@ -149,7 +149,7 @@ def estimate_by_known_proposal(
 ) -> ModeEstimates:
     """Estimate each mode by its own learner, which takes all other failures as safe.
 
-    Nothing is learnt from results, so that each proposes what was proposed.
+    The method learns nothing from results, so each learner repeats the campaign's proposals.
     """
     context = learner_context(campaign, store)
     method = resolve_method(campaign.spec.method, campaign.spec.settings)

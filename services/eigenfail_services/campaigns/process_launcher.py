@@ -47,12 +47,12 @@ log = structlog.get_logger()
 
 
 class WorkerProcess:
-    """A worker that is to run, over all of its processes.
+    """A wanted worker, over all of its successive processes.
 
     Args:
         name: name of the worker.
         hub: address of the hub.
-        key: what it shows there, if the hub asks for a key.
+        key: the key that it presents to the hub, if the hub requires a key.
 
     Attributes:
         process: the present process; None before the first one and between two of them.
@@ -76,10 +76,10 @@ class WorkerProcess:
         return self.process is not None and exit_status(self.process) is None
 
     def start(self, now_s: float) -> None:
-        """Start a process, as the leader of a group, that dies with this process.
+        """Start a process that leads a process group and dies with this process.
 
         Raises:
-            OSError: the system has no room for it.
+            OSError: the system lacks the resources for it.
         """
         command = [sys.executable, "-m", MODULE, "--connect", self._hub, "--name", self.name]
         if self._key is not None:
@@ -107,7 +107,7 @@ class WorkerProcess:
         """Start another process once the last one has ended and its pause is over.
 
         Returns:
-            What to tell: that it gives up, or that there is no room for a process.
+            A notice that the worker gives up or that a process cannot be started, or None.
         """
         if self.has_given_up or self.is_running:
             return None
@@ -129,9 +129,9 @@ class WorkerProcess:
         return None
 
     def leave(self, now_s: float, *, is_present: bool) -> None:
-        """Ask a process to end that is not wanted, unless the hub will send it home.
+        """Ask an unwanted process to end if it has been absent from the hub for `ABSENT_S`.
 
-        The hub knows only workers that are connected.
+        The hub itself dismisses the workers that are connected.
         """
         if is_present or self._absent_since_s is None:
             self._absent_since_s = None if is_present else now_s
@@ -139,7 +139,7 @@ class WorkerProcess:
             self.terminate()
 
     def terminate(self) -> None:
-        """Send SIGTERM to its process: it hands over what it has, and ends."""
+        """Send SIGTERM to its process: it hands over its results, and ends."""
         if self.process is not None and self.is_running:
             self.process.send_signal(signal.SIGTERM)
 
@@ -169,8 +169,8 @@ class ProcessLauncher:
     """Workers as child processes of the services.
 
     Args:
-        span: between which numbers of workers; the same one twice is just that many.
-        clock: seconds that only ever grow.
+        span: minimum and maximum number of workers; equal bounds fix the number.
+        clock: monotonic time. [s]
     """
 
     def __init__(self, span: Span, clock: Callable[[], float] = time.monotonic) -> None:
@@ -185,10 +185,10 @@ class ProcessLauncher:
     def start(
         self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = launcher.never
     ) -> None:
-        """Start the workers that there are to be in any case, without waiting for them.
+        """Start the minimum number of workers, without waiting for them.
 
         Raises:
-            ClusterUnavailable: the system has no room for their processes.
+            ClusterUnavailable: the system lacks the resources for their processes.
         """
         self._hub, self._key = hub, key
         if given_up():
@@ -205,7 +205,7 @@ class ProcessLauncher:
             ) from error
 
     def poll(self, table: launcher.WorkerPool) -> Sequence[launcher.Notice]:
-        """Start, restart and let go of workers by the work that there is."""
+        """Start, restart and dismiss workers to match the work."""
         now_s, demand = self._clock(), table.measure_demand()
         self._wanted.look(now_s, demand)
         unwanted = self._workers.keys() - set(self._wanted.names)
@@ -226,7 +226,7 @@ class ProcessLauncher:
         return fresh
 
     def stop(self) -> None:
-        """Wait a moment for the workers that the hub has sent home, then end the others."""
+        """Wait a moment for the workers that the hub has dismissed, then end the rest."""
         # The hub has ended by now. Workers that received its goodbye leave by themselves, SIGTERM
         # is for the others, and the last ones are killed.
         _wait_for(self._workers.values(), GOODBYE_S)

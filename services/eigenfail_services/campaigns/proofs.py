@@ -40,7 +40,7 @@ class ReplayWorld(NamedTuple):
     Attributes:
         spec: spec of the campaign, in that scenario.
         modes: modes that are replayed there, from 0.
-        drawn: the scenario's parameters that its modes' medoids drew; none if none vary.
+        drawn: the scenario's parameters that its modes' medoids drew; empty if none vary.
     """
 
     spec: CampaignSpec
@@ -51,8 +51,8 @@ class ReplayWorld(NamedTuple):
 def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> list[ReplayWorld]:
     """Return the scenarios of an analysis's modes: one, unless the scenario's parameters vary.
 
-    If they vary, a mode is at home in what its medoid drew; modes whose medoids drew the same
-    share a world.
+    If they vary, each mode belongs to the scenario that its medoid drew; modes whose medoids drew
+    the same parameters share a world.
     """
     analysed = store.campaigns.get(analysis.campaign).spec
     found: dict[bytes, ReplayWorld] = {}
@@ -147,7 +147,7 @@ def summarise_proof(store: Store, analysis: Analysis) -> Proof:
 
 
 def _find_centres(same: Iterable[ReplayedNoise]) -> dict[int, NearestFailure]:
-    """Return the modes whose centre fails in the scenario in which its failures happened."""
+    """Return, by mode, the centres that fail in the scenario of the mode's own failures."""
     return {
         each.mode: NearestFailure(0.0, each.campaign, each.index)
         for each in _count_kind(same, ReplayKind.EIGENFAILURE)
@@ -186,7 +186,7 @@ def _find_scenario(
 ) -> ProvenScenario:
     """Return the results of a replay campaign, from the cache unless more episodes have ended.
 
-    Results stay as they are for good, and the counts change with each that comes in.
+    Stored results never change, and each new result changes the counts.
     """
     return store.answers.get(
         ("proof in a scenario", analysis.id, replay.id),
@@ -312,11 +312,11 @@ class _BoundedParameter(msgspec.Struct, frozen=True):
 
 
 def list_neighbours(spec: CampaignSpec) -> tuple[dict[str, Any], ...]:
-    """Return scenario parameters to put over a campaign's own: none, then one below and one above.
+    """Return overrides of a campaign's scenario parameters: none, then one below and one above.
 
-    Neighbours are those that the scenario names; otherwise its first bounded parameter is moved by
-    a quarter of its range. They stay within the bounds, and a parameter that varies anyway is left
-    alone.
+    The scenario may name its neighbours; otherwise its first bounded parameter is moved by a
+    quarter of its range. Neighbours stay within the bounds, and a parameter that varies anyway is
+    not moved.
     """
     world = world_of(spec.simulator)
     kind = world.parameters_type(spec)
@@ -365,19 +365,19 @@ def launch_replays(
 ) -> Proof:
     """Queue a replay in each scenario that has none yet, and return the proof so far.
 
-    Once all of these have ended, it also queues the search for the nearest failing point of each
-    mode whose centre did not fail in the scenario of its failures.
+    Once all replays have ended, a call also queues searches. A search looks for the nearest failing
+    point of each mode whose centre did not fail in the scenario of its failures.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         analysis: analysis that is done.
-        variations: scenario parameters put over those in which the failures happened; None: that
+        variations: overrides of the scenario parameters of the failures; None: the original
             scenario and its neighbours.
         made_by: id of the key of the request.
 
     Raises:
-        Conflict: the analysis is not done, found no failure mode, is of several worlds, or does not
-            know what the medoids of its modes drew.
+        Conflict: the analysis is not done, found no failure mode, covers several worlds, or lacks
+            the parameters that the medoids of its modes drew.
         UnknownName: a parameter that the scenario does not have.
         InvalidValue: a parameter outside its bounds, a distribution, or other channels of noise.
         QuotaExceeded: the key's quota of campaigns is used up; those created before stay.
@@ -492,8 +492,8 @@ def _launch_replay(
 ) -> None:
     """Queue a replay, unless there is an equal one that was neither cancelled nor dead.
 
-    Repeated or simultaneous requests get one campaign: a replay is the same
-    whenever it is run, and its key is made of what it is.
+    Repeated or simultaneous requests get one campaign: a replay gives the same results at any time,
+    and its key is derived from its content.
     """
     before = [store.campaigns.get(each) for each in store.analyses.replays(analysis)]
     # A key belongs to its first campaign for ever: counting the lost ones gives the next attempt a

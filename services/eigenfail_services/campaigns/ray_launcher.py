@@ -33,7 +33,7 @@ class PlacementNotices:
 
         Args:
             now_s: time of a monotonic clock. [s]
-            standing: what the Ray process says.
+            standing: status that the Ray process reported.
         """
         before, self._before = self._before, standing
         return [
@@ -43,7 +43,7 @@ class PlacementNotices:
         ]
 
     def _places(self, now_s: float, standing: ray_link.ClusterStatus) -> list[launcher.Notice]:
-        """Report only what lasts, and its end: every worker is without a place for a moment."""
+        """Report only lasting states and their end: every worker lacks a place for a moment."""
         if not standing.unplaced:
             self._unplaced_since_s = None
         elif self._unplaced_since_s is None:
@@ -98,9 +98,10 @@ class RayLauncher:
     """Workers as Ray actors, on a cluster or on a Ray of one machine that it starts.
 
     Args:
-        span: between which numbers of workers; the same one twice is just that many.
-        cluster: address of a running Ray; None starts one on this machine, for as long as it lasts.
-        clock: seconds that only ever grow.
+        span: minimum and maximum number of workers; equal bounds fix the number.
+        cluster: address of a running Ray; None starts a Ray on this machine that ends with the
+            launcher.
+        clock: monotonic time. [s]
     """
 
     def __init__(
@@ -159,7 +160,7 @@ class RayLauncher:
             self._link = None
 
     def _heard(self, link: ray_link.RayLink) -> ray_link.ClusterLost | None:
-        """Process the reports of the Ray process; return whether Ray is lost."""
+        """Process the reports of the Ray process; return the report that Ray is lost, if any."""
         with suppress(msgspec.DecodeError):
             for word in link.hear():
                 if isinstance(word, ray_link.ClusterLost):
@@ -226,7 +227,7 @@ def first_link(begin: ray_link.StartRay) -> ray_link.RayLink:
     """Start the Ray process of a service, and return its link.
 
     Raises:
-        ClusterUnavailable: the system has no room for it.
+        ClusterUnavailable: the system lacks the resources for it.
     """
     try:
         return ray_link.RayLink(begin)

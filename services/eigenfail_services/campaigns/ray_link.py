@@ -1,7 +1,7 @@
 """Messages between the services and their Ray process: a line of JSON each.
 
 Ray's driver ends its whole process when the cluster's head stays away for a minute, and may wait
-that long in any call. So it has a process of its own, which can be killed and started anew.
+that long in any call. So the driver runs in a separate process, which can be killed and restarted.
 """
 
 import os
@@ -34,7 +34,7 @@ class StartRay(msgspec.Struct, frozen=True):
         hub: its address.
         key: the key that workers present, in its encoded form; none if none is required.
         cluster: address of a running Ray; none: start one on this machine.
-        most: workers that there is to be room for on a Ray of one machine.
+        most: number of workers for which a Ray of one machine needs room.
         folder: temporary folder of a Ray of one machine; its creator removes it.
     """
 
@@ -55,10 +55,10 @@ class ClusterStatus(msgspec.Struct, frozen=True, tag=True):
     """Ray process: the status of cluster and workers.
 
     Attributes:
-        machines: machines of the cluster that live.
+        machines: number of live machines in the cluster.
         placed: workers for which Ray has found a place.
-        unplaced: that were asked of it, and have none.
-        refused: why some ended for good, which ought to be there.
+        unplaced: requested workers that still lack a place.
+        refused: reasons why wanted workers ended for good, by name.
     """
 
     machines: int = 0
@@ -96,7 +96,7 @@ class PipeReader(Generic[Message]):
         """Yield the messages that have arrived.
 
         Raises:
-            msgspec.DecodeError: it is none of these.
+            msgspec.DecodeError: a line is not a valid message.
         """
         *lines, self._begun = (self._begun + b"".join(self._chunks())).split(b"\n")
         for line in lines:
@@ -144,7 +144,7 @@ class RayLink:
     """A running Ray process, from its start to its end.
 
     Raises:
-        OSError: the system has no room for it.
+        OSError: the system lacks the resources for it.
     """
 
     def __init__(self, begin: StartRay) -> None:
@@ -229,7 +229,7 @@ def create_ray_folder() -> str:
     Its name is short, since Ray puts sockets below it, and their paths have 107 bytes at most.
 
     Raises:
-        OSError: there is no place for it.
+        OSError: the folder cannot be created.
     """
     return tempfile.mkdtemp(prefix="ray-", dir=os.environ.get("RAY_TMPDIR"))
 
@@ -238,7 +238,7 @@ def _start_driver() -> "subprocess.Popen[bytes]":
     """Start the process of Ray's driver, as the leader of a process group.
 
     Raises:
-        OSError: the system has no room for it.
+        OSError: the system lacks the resources for it.
     """
     # The pipes have no buffer: `PipeReader` reads the descriptor itself, and would miss what a
     # buffer holds.

@@ -60,12 +60,12 @@ def check_reachable(address: str | None) -> None:
 
 
 class RayCluster:
-    """A Ray that runs somewhere, or one of this machine that lasts as long as this process.
+    """A running Ray, or a Ray on this machine that lasts as long as this process.
 
     Args:
-        address: address of a running one; None starts one.
-        most: how many workers there is to be room for in one that is started.
-        folder: temporary folder of one that is started; Ray's own choice if it is empty.
+        address: address of a running Ray; None starts one.
+        most: number of workers for which a started Ray needs room.
+        folder: temporary folder of a started Ray; if empty, Ray chooses one.
 
     Raises:
         ClusterUnavailable: Ray is not installed, does not start, or does not answer.
@@ -101,7 +101,7 @@ class RayCluster:
         """Return the number of live machines; waits as long as Ray does without a head node.
 
         Raises:
-            ClusterUnavailable: this machine is none of them any more.
+            ClusterUnavailable: this machine is not in the cluster any more.
         """
         import ray
 
@@ -134,7 +134,7 @@ GOODBYE_S = 3.0
 
 
 class RayWorker:
-    """One Ray actor that runs a worker, with the answers that it owes."""
+    """One Ray actor that runs a worker, with its pending answers."""
 
     def __init__(self, actor: Any, hub: str, name: str, key: WorkerKey | None) -> None:
         self.actor = actor
@@ -172,7 +172,7 @@ class RayWorkers:
 
     Args:
         hub: the address that they connect to.
-        key: what they show there.
+        key: the key that they present there.
     """
 
     def __init__(self, hub: str, key: WorkerKey | None = None) -> None:
@@ -185,9 +185,9 @@ class RayWorkers:
         self._workers: dict[str, RayWorker] = {}
 
     def want(self, names: Collection[str]) -> None:
-        """Start new workers; end unwanted ones that have left, or that have no place yet.
+        """Start new workers; end unwanted workers that have left or are not yet placed.
 
-        Others that are not wanted are at work until the hub sends them home.
+        Other unwanted workers work until the hub dismisses them.
         """
         for name in names:
             if name not in self._workers:
@@ -199,7 +199,7 @@ class RayWorkers:
                 _end_actor(self._workers.pop(name))
 
     def standing(self, machines: int) -> ray_link.ClusterStatus:
-        """Return the workers with a place, without one, and those that gave up."""
+        """Return the status: workers with a place, without a place, and workers that gave up."""
         placed = {name for name, worker in self._workers.items() if worker.is_placed()}
         ended = {name for name in placed if self._workers[name].has_ended()}
         problems = {name: self._workers[name].problem() for name in ended}
@@ -273,7 +273,7 @@ def serve(
     """Keep the workers that were requested last.
 
     Raises:
-        ClusterUnavailable: there is no Ray, or it is lost.
+        ClusterUnavailable: Ray cannot be reached, or is lost.
     """
     key = None if begin.key is None else read_worker_key(begin.key, "key")
     cluster = RayCluster(begin.cluster, begin.most, begin.folder)

@@ -44,7 +44,7 @@ MAX_KEPT_POSES = 5_000_000
 
 
 class OverlayBounds(NamedTuple):
-    """Size of an overlay at most.
+    """Maximum size of an overlay.
 
     Attributes:
         episodes: episodes that are drawn over each other.
@@ -68,7 +68,7 @@ class OverlayBounds(NamedTuple):
 def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
     """Return lanes and time step of an episode's scenario; None if it is not known here.
 
-    Of a bridge it is not: its scenario may have the name of an installed one.
+    It is never known for a bridge, whose scenario may share the name of an installed one.
     """
     if world_of(spec.simulator).needs_bridge:
         return None
@@ -100,15 +100,15 @@ def make_recording_file(
     """Return the file of an episode.
 
     Args:
-        store: where the episode is.
-        explanations: where it is run again if its scene was not kept.
+        store: store with the episode.
+        explanations: runs the episode again if its scene was not kept.
         episode: its campaign and index.
         name: name of the format.
         ego: whether the ego repeats its course or is left to a controller.
 
     Raises:
-        NotFound: no such campaign, or the episode has no result yet.
-        InvalidValue: the episode has no scene or is too long, or the format cannot be written.
+        NotFound: the campaign, or the result of the episode, does not exist.
+        InvalidValue: the episode is without a scene or too long, or the format cannot be written.
         Conflict: its scene was not kept, and a replay of it differs.
         ServiceError: its scene was not kept, and it cannot be run again here.
     """
@@ -146,7 +146,7 @@ def load_recording(
 
 
 def _refuse_sceneless(spec: CampaignSpec, stored: EpisodeResult) -> None:
-    """Raise InvalidValue for an episode in which nothing drove."""
+    """Raise InvalidValue for an episode without a scene: of a function, or without a step."""
     _refuse_function(spec, "episode")
     if not stored.steps:
         why = stored.fault.message if stored.fault else "no reason was kept"
@@ -171,18 +171,18 @@ def _replay_scene(store: Store, explanations: Explanations, campaign: int, index
 
 
 def make_mode_animation(store: Store, analysis: Analysis, mode: int, name: str) -> RecordingFile:
-    """Return the failures of a mode over each other, as a file.
+    """Return a file that shows the failures of a mode over each other.
 
     Args:
-        store: where the episodes are.
+        store: store with the episodes.
         analysis: analysis that found the mode.
         mode: number of the mode, from 1.
         name: name of the format.
 
     Raises:
-        NotFound: the analysis has no such mode.
+        NotFound: the analysis does not have the mode.
         Conflict: the analysis is not done, or none of the failures has a scene that can be drawn.
-        InvalidValue: the format cannot be written, or the failures are those of a function.
+        InvalidValue: the format cannot be written, or the failures come from a function.
     """
     form = find_format(name)
     if form.overlay is None:
@@ -195,13 +195,13 @@ def load_mode_recordings(
 ) -> OverlaidRecordings:
     """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does.
 
-    If the medoid has no scene that can be drawn, another failure is the first.
+    If the medoid's scene cannot be drawn, another failure comes first.
 
     Args:
-        store: where the episodes are.
+        store: store with the episodes.
         analysis: analysis that found the mode.
         mode: number of the mode, from 1.
-        bounds: of a larger mode a sample is taken that is spread evenly; None: that of a GIF.
+        bounds: limits of the overlay; a larger mode is sampled evenly. None: the limits of a GIF.
     """
     most = bounds or OverlayBounds(MAX_OVERLAID, MAX_DRAWN_POSES, MAX_KEPT_POSES)
     result = read_result(analysis)
@@ -245,10 +245,10 @@ def _choose_scenes(
     """Return as many failures as an animation can draw, each with scene and outcome.
 
     Args:
-        store: where the episodes are.
+        store: store with the episodes.
         members: campaign and index of the failures, the medoid first.
         medoid: the episode that the view follows, if its scene can be drawn.
-        bounds: what can be drawn.
+        bounds: limits of the overlay.
     """
     shown: list[tuple[tuple[int, int], Scene, Outcome]] = []
     if medoid.scene is not None and bounds.can_hold([medoid.scene]):

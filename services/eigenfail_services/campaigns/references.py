@@ -1,8 +1,8 @@
 """References in the settings of a campaign: noise, episodes and learners of earlier campaigns.
 
-The references are checked once, before the campaign is created, and stored with it. What they name
-has ended by then: only its noise can still be lost. So the claim of a campaign reads what its row
-names, as the context of the learner.
+The references are checked once, before the campaign is created, and stored with it. Everything they
+name has ended by then: only noise can still be lost. So the claim of a campaign reads the
+references in its row as the context of the learner.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,9 +49,9 @@ def check_references(campaign: resolution.ResolvedCampaign, store: "Store") -> N
     """Make sure that everything that the settings of a campaign name can be used.
 
     Raises:
-        InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
-            nothing, is pruned, or has episodes of another length or with other channels; or its
-            method is not installed here.
+        InvalidValue: a reference does not exist; or a campaign to build on has not ended, has
+            learnt nothing, is pruned, or has episodes of another length or with other channels; or
+            its method is not installed here.
     """
     references = campaign.references
     _check_noise(campaign, store)
@@ -86,7 +86,7 @@ def _check_noise(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
 
 @contextmanager
 def refuse_missing(field: str) -> Iterator[None]:
-    """Raise InvalidValue, of a field, if something that the field names is not found inside."""
+    """Raise InvalidValue for a field if the block does not find something that the field names."""
     try:
         yield
     except NotFound as error:
@@ -100,12 +100,12 @@ def _check_trajectories(noise: resolution.NamedNoise, field: str, store: "Store"
 
     Args:
         noise: the noise.
-        field: where the settings that name it stand.
-        store: where it is.
+        field: path of the settings that name the noise.
+        store: store with the noise.
 
     Raises:
-        InvalidValue: nothing is named; or the analysis is not done, or has no mode or not the one
-            that is named; or an episode has no result.
+        InvalidValue: nothing is named; or the analysis is not done, has found no mode, or lacks the
+            named mode; or an episode does not have a result.
     """
     if noise.analysis is None and noise.campaign is None:
         problem = "they name neither an analysis nor a campaign whose noise is replayed."
@@ -123,8 +123,9 @@ def _check_failure(campaign: resolution.ResolvedCampaign, store: "Store") -> Non
     """Make sure that one failure is named, and that all replays will be in its scenario.
 
     Raises:
-        InvalidValue: it is not exactly one; there is no such episode or mode; the episode did not
-            end in a collision; or the scenario's parameters vary.
+        InvalidValue: the settings do not name exactly one failure; the episode or mode does not
+            exist; the episode did not end in a collision; or the scenario's parameters vary or are
+            chosen by the noise.
     """
     noise, method = campaign.references.noise, campaign.searching
     settings = method.settings
@@ -163,7 +164,7 @@ def _check_failures(campaign: resolution.ResolvedCampaign, number: int, store: "
     """Check that an earlier campaign has failures that can be injected here.
 
     Raises:
-        InvalidValue: it has not ended, has no failure, or has episodes of another length.
+        InvalidValue: it has not ended, is without failures, or has episodes of another length.
     """
     field = f"{campaign.searching.field}.campaign"
     before = _find_ended(number, field, store)
@@ -176,13 +177,13 @@ def _check_failures(campaign: resolution.ResolvedCampaign, number: int, store: "
 def _check_predecessor(
     campaign: resolution.ResolvedCampaign, field: str, number: int, store: "Store"
 ) -> None:
-    """Make sure that the learner of an earlier campaign can be gone on with, or used.
+    """Make sure that the learner of an earlier campaign can be continued or used.
 
     Args:
         campaign: the campaign that names it.
-        field: the setting that does.
+        field: the setting that names it.
         number: id of the earlier campaign.
-        store: where it is.
+        store: store with the earlier campaign.
 
     Raises:
         InvalidValue: it has not ended, has other channels, or has learnt nothing of use; or its
@@ -212,8 +213,9 @@ def _check_data(
     """Make sure that a campaign can learn from the episodes of earlier ones.
 
     Raises:
-        InvalidValue: one has not ended, has no episode, or its robustness means something else; its
-            noise has another form or was pruned; or there are too many episodes.
+        InvalidValue: a campaign has not ended, has not completed an episode, or its robustness
+            means something else; its noise has another form or was pruned; or there are too many
+            episodes.
     """
     spec, completed = campaign.spec, 0
     for before in [_find_ended(number, field, store) for number in sorted(set(numbers))]:
@@ -246,10 +248,10 @@ def _refuse_pruned(campaign: int, field: str, store: "Store") -> None:
 def _check_channels(before: Campaign, field: str, channels: tuple[str, ...]) -> None:
     """Make sure that the noise of an earlier campaign has the same channels as here.
 
-    Those of functions may have other names.
+    Channels of functions may have other names.
 
     Raises:
-        InvalidValue: it has others, or in another order.
+        InvalidValue: it has other channels, or the same in another order.
     """
     there = before.form.channels
     if len(there) != len(channels):
@@ -300,8 +302,8 @@ def find_knowledge(before: Campaign, field: str) -> resolution.ResolvedMethod:
     """Return the method of an earlier campaign, whose knowledge is to be used.
 
     Raises:
-        InvalidValue: the method is not installed here, has no knowledge to be used, or refuses its
-            settings by now.
+        InvalidValue: the method is not installed here, learns nothing that can be used, or refuses
+            its settings by now.
     """
     try:
         method = resolution.resolve_method(before.spec.method, before.spec.settings)
@@ -318,11 +320,11 @@ def find_knowledge(before: Campaign, field: str) -> resolution.ResolvedMethod:
 
 
 def learner_context(campaign: Campaign, store: "Store") -> LearnerContext:
-    """Return what the learner of a campaign is given at its birth.
+    """Return the context for creating a campaign's learner.
 
     Raises:
         InvalidValue: its settings name trajectories, or a learner's state, that do not exist or
-            are of no use.
+            cannot be used.
         NotFound: its settings name a campaign, analysis or episode that does not exist.
     """
     # Without a form no length is known: the scenario was not installed when the campaign was made.
@@ -374,7 +376,7 @@ def _read_last_state(before: Campaign, field: str, store: "Store") -> bytes:
 
 
 def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Return the settings without those that matter at a learner's birth alone."""
+    """Return the settings without the ones that matter only when a learner is created."""
     traits = traits_of(method)
     kept = {
         name: value
@@ -387,13 +389,13 @@ def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_trajectories(noise: resolution.NamedNoise, store: "Store") -> Sequence[TrajectorySource]:
-    """Return the noise that settings name, with the seeds of its episodes; none if they name none.
+    """Return the noise that settings name, with its episodes' seeds; empty if they name none.
 
-    An analysis counts before a campaign: a proof names both, the analysis for its modes.
+    An analysis takes precedence over a campaign: a proof names both, the analysis for its modes.
 
     Raises:
-        InvalidValue: an analysis is not done, or has no such mode.
-        NotFound: there is no such analysis or episode.
+        InvalidValue: an analysis is not done, or lacks the mode.
+        NotFound: the analysis or episode does not exist.
     """
     if noise.analysis is not None:
         return _read_analysed(store.analyses.get(noise.analysis), noise, store)
@@ -413,7 +415,7 @@ def _make_replay(result: EpisodeResult) -> TrajectorySource:
 def _read_analysed(
     analysis: Analysis, noise: resolution.NamedNoise, store: "Store"
 ) -> Sequence[TrajectorySource]:
-    """Return the noise that stands for the modes of an analysis, kind by kind.
+    """Return the noise that represents the modes of an analysis, kind by kind.
 
     An eigenfailure is replayed with the seed of its mode's medoid.
     """
@@ -446,7 +448,7 @@ def _choose_modes(analysis: Analysis, noise: resolution.NamedNoise) -> Sequence[
 
 
 class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
-    """A completed episode; they are ordered by robustness, then as they were run."""
+    """A completed episode; episodes are ordered by robustness, then as they were run."""
 
     robustness_m: float
     campaign: int
@@ -458,16 +460,16 @@ def read_experience(
 ) -> Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
-    None if it names no campaigns to learn from.
+    None if the campaign names no campaigns to learn from.
 
-    In order of campaign and index. If there are more than `MOST_EPISODES`, or than hold
-    `MOST_NUMBERS`, it is the least robust, and an even sample of the others by robustness, as many
-    of these as of those.
+    Episodes are in order of campaign and index. At most `MOST_EPISODES` episodes with
+    `MOST_NUMBERS` numbers are returned. If there are more, one half is the least robust episodes,
+    and one half is an even sample of the rest by robustness.
 
     Args:
         named: the earlier campaigns, by the path of the setting that names them.
         form: length and channels of the campaign's own episodes.
-        store: where the earlier campaigns are.
+        store: store with the earlier campaigns.
 
     Raises:
         InvalidValue: the noise of one of them was pruned.
@@ -505,7 +507,7 @@ def _list_completed(campaign: int, store: "Store") -> Iterator[CompletedEpisode]
 
 
 def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[CompletedEpisode]:
-    """Return at most that many of episodes in order: the least robust half, the others evenly."""
+    """Return at most `most` of the ordered episodes: half the least robust, half an even sample."""
     if len(completed) <= most:
         return list(completed)
     least, others = completed[: most // 2], completed[most // 2 :]

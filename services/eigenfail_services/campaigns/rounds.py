@@ -48,9 +48,9 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def half_width(self) -> float | None:
         """Return half the width of the failure rate's confidence sequence; None before any episode.
 
-        The interval is looked at after every round: one of a fixed number of episodes would not
-        hold at the look that ends the campaign. Its upper end counts errored and unresolved
-        episodes as failures, its lower end as none: it is the interval that is shown.
+        The interval is checked after every round: an interval for a fixed number of episodes would
+        not hold at the check that ends the campaign. The upper end counts errored and unresolved
+        episodes as failures, and the lower end does not. The same interval is shown to users.
         """
         if not self.completed:
             return None
@@ -62,7 +62,7 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def limit_lookahead(lookahead: int, rules: StopRules) -> int:
     """Return how many rounds may be open besides the oldest one.
 
-    With rules on results no more than `MOST_AHEAD`, or they would take effect late.
+    With rules on results, at most `MOST_AHEAD`; otherwise the rules would take effect late.
     """
     return min(lookahead, MOST_AHEAD) if rules.judges_results else lookahead
 
@@ -118,7 +118,7 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
     """The learner's state and the rounds that were open when it was taken.
 
     Attributes:
-        format: counts up when older programs could not read it.
+        format: version of the format, raised when older programs cannot read it.
         episodes: how many have been proposed.
         policy: the newest policy version.
         tally: tally of the rounds observed.
@@ -151,7 +151,7 @@ def read_checkpoint(data: bytes) -> Checkpoint:
     """Decode a checkpoint of `Rounds.checkpoint`.
 
     Raises:
-        ProtocolError: the bytes are no checkpoint, or one of a newer program.
+        ProtocolError: the bytes are not a checkpoint, or a newer program wrote them.
     """
     try:
         checkpoint = _decoder.decode(data)
@@ -171,17 +171,18 @@ NO_RULES = StopRules()
 
 
 class Rounds:
-    """Asks a learner for rounds within its budget and lookahead, and has it observe them in order.
+    """Has a learner propose rounds within its budget and lookahead, and observe them in order.
 
     A round is observed whole, in index order, exactly once; so the episodes of a campaign are the
     same whichever workers run them, and however late or mixed their results come.
 
     Args:
         learner: fresh, or to be restored with `restore`.
-        campaign_seed: campaign seed from which every episode's seed is derived.
+        campaign_seed: seed of the campaign; every episode's seed is derived from it.
         budget: number of episodes of the campaign.
-        rules: what ends it before that; judged after each round, of which none is cut short. With
-            such rules no more than one round is open besides the oldest, or they would come late.
+        rules: rules that end it earlier; judged after each round, and rounds are never cut short.
+            With rules on results, at most `MOST_AHEAD` rounds are open besides the oldest, or the
+            rules would take effect late.
     """
 
     def __init__(
@@ -257,13 +258,13 @@ class Rounds:
             self._rule_held = self._judge()
 
     def _judge(self) -> str:
-        """Return which rule holds, and that open rounds are finished all the same."""
+        """Return which rule holds, with the remark that open rounds are still finished."""
         estimate = self.estimate() if self._rules.cv is not None else None
         words = judge_results(self._rules, self._tally, estimate)
         return f"{words} {OPEN_WAS_FINISHED}" if words and self._open else words
 
     def checkpoint(self) -> bytes:
-        """Return the state from which learning continues bit for bit, open rounds included."""
+        """Return the state that continues learning bit for bit, including the open rounds."""
         checkpoint = Checkpoint(
             format=FORMAT,
             campaign_seed=self._campaign_seed,

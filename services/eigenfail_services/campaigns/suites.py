@@ -25,9 +25,9 @@ def read_suite(given: suites.SuiteRequest) -> suites.Suite:
 
     Raises:
         UnknownName: a field does not exist, or a member refers to one that does not exist.
-        InvalidValue: a value is outside its bounds, an axis has no values, two members are equal,
-            there are too many or they are too large, members refer to each other in a circle, or
-            the name cannot be that of a suite.
+        InvalidValue: a value is outside its bounds, an axis is empty, or two members are equal;
+            members are too many, too large, or refer to each other in a circle; or a suite cannot
+            have the name.
     """
     refuse_large_suite(given)
     try:
@@ -59,7 +59,7 @@ def refuse_large_suite(given: suites.SuiteFile) -> None:
 def _bound_size(given: suites.SuiteFile) -> int:
     """Return the size of the JSON of all members: each has the base, and a value of each axis.
 
-    Of more members than a suite can have, the size of as many as it can have. [bytes]
+    If there are more members than a suite can have, only the allowed number counts. [bytes]
     """
     axes = [suites.list_items(each) for _, each in suites.list_leaves(given.grid)]
     ways = (
@@ -78,7 +78,7 @@ def _measure_size(value: Any) -> int:
 
 
 def _rename_suite_error(error: InputError, suite: str) -> InputError:
-    """Return an error of a suite's file as that of a request, which has fields and no file.
+    """Return an error of a suite's file as an error of a request, which has fields but no file.
 
     Args:
         error: the error, whose field begins with the name of the file.
@@ -106,7 +106,7 @@ class CheckedSuite(msgspec.Struct, frozen=True):
 def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     """Return the campaigns of a suite that do not exist yet, checked, without creating any.
 
-    Members that build upon members which are not done are checked, and cannot be created now.
+    Members that build on unfinished members are checked, but cannot be created now.
     """
     alike: dict[str, list[Campaign]] = {}
     for campaign in store.campaigns.iterate(CampaignFilter(suite=suite.name)):
@@ -135,17 +135,17 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
 def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) -> None:
     """Queue the campaigns of a suite that do not exist yet: all of them, or none.
 
-    A campaign of a member's name and content exists already, whoever created it. Members that build
-    upon members which are not done are checked and not created: the same call creates them later.
+    A member exists already if any user has created a campaign with its name and content. Members
+    that build on unfinished members are checked but not created: the same call creates them later.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         suite: the suite.
         made_by: id of the API key of the request, whose quotas apply.
 
     Raises:
         UnknownName: a plug-in, setting or parameter of a member that does not exist.
-        InvalidValue: a value of a member that cannot be.
+        InvalidValue: an impossible value of a member.
         QuotaExceeded: the API key does not allow all of them.
     """
     checked = check_suite(store, suite)

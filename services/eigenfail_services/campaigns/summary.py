@@ -32,8 +32,8 @@ log = structlog.get_logger()
 def summarise(campaign: Campaign, totals: Totals) -> Summary:
     """Return the row of a campaign in result tables: findings, speed and price so far.
 
-    Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
-    may have been read a few results apart.
+    Rate and cost use the campaign's counts, and means use the totals. While a campaign runs, the
+    two may have been read a few results apart.
     """
     unresolved = Unresolved(totals.conflicts.unresolved, campaign.form.horizon_s)
     completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.count)
@@ -59,7 +59,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
 
 
 def summarise_campaign(store: Store, campaign: Campaign) -> Summary:
-    """Return the summary of a campaign as it stands."""
+    """Return the current summary of a campaign."""
     return summarise_campaigns(store, [campaign])[0]
 
 
@@ -98,7 +98,7 @@ def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errore
 def _find_reach(campaign: Campaign) -> str:
     """Return where failures may be that the method cannot reach; empty unless it ended without any.
 
-    Empty too of a method that is not installed any more.
+    Also empty if the method is not installed any more.
     """
     spec, counts = campaign.spec, campaign.counts
     if counts.failures or not counts.completed or campaign.state not in FINAL_STATES:
@@ -117,7 +117,7 @@ def find_failure_rate(campaign: Campaign, unresolved: int) -> Rate | None:
     """Return the failure rate of the completed episodes; None before the first one.
 
     Args:
-        campaign: as it stands.
+        campaign: the campaign with its current counts.
         unresolved: number of its episodes that are, or may be, unresolved.
     """
     counts = campaign.counts
@@ -131,7 +131,7 @@ def find_cost(campaign: Campaign, failures: Rate | None = None) -> Cost:
     """Return the cost of a campaign's instances while it was running.
 
     Args:
-        campaign: as it stands.
+        campaign: the campaign with its current counts.
         failures: its failure rate; None if only the bill is needed.
     """
     active_s = campaign.active_s
@@ -172,12 +172,12 @@ def find_course(store: Store, campaign: Campaign, per: int | None = None) -> Cou
     """Return failures, likelihood and robustness block by block over the episodes so far.
 
     Args:
-        store: where the episodes are.
-        campaign: as it stands.
+        store: store with the episodes.
+        campaign: the campaign with its current counts.
         per: how many indices a block spans; None chooses by the budget.
 
     Raises:
-        InvalidValue: so short blocks would be too many.
+        InvalidValue: blocks of this length would be too many.
     """
     length = campaign_figures.choose_block_length(campaign.counts, per)
     return campaign_figures.make_course(campaign, length, store.figures.course(campaign.id, length))
@@ -204,7 +204,7 @@ def find_worker_shares(store: Store, campaign: Campaign) -> tuple[WorkerShare, .
 
 
 def list_recent_workers(store: Store, within_s: int = LATELY_S) -> tuple[WorkerShare, ...]:
-    """Return the workers that delivered results within some seconds, with these results counted."""
+    """Return the workers that delivered results in the last `within_s`, with their counts."""
     return store.figures.workers_since(now_ms() - 1_000 * within_s)
 
 
@@ -239,9 +239,9 @@ def find_staffing(store: Store) -> Staffing:
 
 
 def make_staffing(store: Store, workers: int, lacking: tuple[Event, ...]) -> Staffing:
-    """Return the same for a number of workers and unrunnable campaigns that were read before.
+    """Return the staffing for a number of workers and unrunnable campaigns that were read before.
 
-    Where no worker runs there are hardly any other events: few are read.
+    Only a few events are read: without workers, hardly any events are of another kind.
     """
     for event in store.events.latest(MAX_EVENTS_SEARCHED):
         if event.kind in WORDS:
@@ -270,8 +270,8 @@ def find_newest_policy(store: Store, campaign: Campaign) -> Policy:
     """Return the newest policy that a campaign's workers were given.
 
     Raises:
-        NotFound: there is none, or none yet.
-        ProtocolError: the checkpoint is one of a newer program.
+        NotFound: the workers were not given a policy, or not yet.
+        ProtocolError: a newer program wrote the checkpoint.
     """
     state = store.checkpoints.load(campaign.id)
     policy = read_checkpoint(state).policy if state else None
@@ -287,7 +287,7 @@ def find_chain_mixing(store: Store, campaign: Campaign) -> ChainMixing:
     """Return how far the chains of a campaign have mixed.
 
     Raises:
-        Conflict: the campaign is one of a method that has no chains or is not installed, or it has
+        Conflict: the campaign's method is not installed or does not use chains, or the campaign has
             not finished a round.
         InvalidValue: the method cannot be loaded.
         ProtocolError: its checkpoint cannot be read.

@@ -1,7 +1,7 @@
-"""Claims jobs and runs them: campaigns on the hub, analyses in processes of their own.
+"""Claims jobs and runs them: campaigns on the hub, analyses in separate processes.
 
-The owner of a job is a process, under a name that no other process ever has. That it has died can
-be seen on its own machine alone; elsewhere only the lease of the job says so.
+The owner of a job is a process with a name that is never reused. Only the owner's machine can see
+that the owner has died; elsewhere only the lease of the job shows it.
 """
 
 import contextlib
@@ -70,8 +70,8 @@ def is_lost(owner: str) -> bool:
 def find_place() -> str:
     """Return the name of this machine since its last start, and of its process namespace.
 
-    Two containers may have one name; a restarted machine counts its processes anew. If the
-    kernel does not report it, the name is this process's own, so that no other process shares it.
+    Two containers may have one name; a restarted machine reuses process numbers. If the kernel does
+    not report it, the name is this process's own, so that no other process shares it.
     """
     try:
         boot = (PROCESSES / "sys/kernel/random/boot_id").read_text("utf-8").strip()
@@ -110,7 +110,7 @@ class SupervisedCampaign:
 
     Args:
         job: our claim; no other supervisor bills the campaign as long as it holds.
-        priority: the one last sent to the hub.
+        priority: the priority last sent to the hub.
         kept_s: the campaign's active time as the store has it.
     """
 
@@ -228,7 +228,7 @@ def may_run(campaign: Campaign, job: Job, store: Store) -> bool:
 
 
 def set_aside_declined(campaign: Campaign, job: Job, store: Store, reason: str) -> None:
-    """Pause a campaign of which a worker can run no episode, with the reason and the remedy."""
+    """Pause a campaign that a worker cannot run, with the reason and the remedy."""
     remedy = (
         f"Launch a corrected one: eigenfail campaign clone {campaign.id} --set FIELD=VALUE. If the "
         f"worker or its bridge is to blame, mend it, then: eigenfail campaign resume {campaign.id}."
@@ -260,10 +260,10 @@ class Supervisor:
     """Claims jobs, polls running ones and concludes ended ones, turn by turn.
 
     Args:
-        store: where the queue is.
+        store: store with the queue.
         hub: runs campaigns.
         analyses: runs analyses.
-        campaigns: how many campaigns run at a time, each with a learner of its own.
+        campaigns: how many campaigns run at a time, each with its own learner.
     """
 
     def __init__(

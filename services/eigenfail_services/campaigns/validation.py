@@ -30,8 +30,9 @@ MOST_SPECS = 2_000
 def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
     """Return the spec with the defaults of its method, planner and scenario written out.
 
-    Two specs that differ only in which defaults they write out become equal. A plug-in that is not
-    installed here, or that has changed since and refuses the settings, leaves its part unchanged.
+    Two specs become equal if they differ only in the defaults that they write out. A plug-in that
+    is not installed here, or that has changed since and refuses the settings, leaves its part
+    unchanged.
     """
     return _fill_written(msgspec.json.encode(spec, order="deterministic"))
 
@@ -60,8 +61,9 @@ def check_estimates(
 
     Args:
         method: method with its settings.
-        field: what asks for the probability.
-        of_exploits: the probability is to come from what the method proposes without learning on.
+        field: the field that requires the probability.
+        of_exploits: the probability must come from proposals that the method makes without learning
+            on.
 
     Raises:
         InvalidValue: it makes no estimate.
@@ -97,8 +99,8 @@ def check_offers(
 ) -> None:
     """Check that each bridge offers what a campaign needs, if it needs one.
 
-    A worker whose bridge does not would decline the campaign, which is then paused. Without a known
-    offer, that is how it is checked. Offers are listed only for a campaign that needs a bridge.
+    Otherwise a worker would decline the campaign, which is then paused. Without a known offer, only
+    the worker checks it. Offers are listed only for a campaign that needs a bridge.
 
     Raises:
         UnknownName: a scenario, planner, parameter, setting, channel or signal that a bridge does
@@ -111,7 +113,7 @@ def check_offers(
 
 
 def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
-    """Resolve a campaign whose values are all known to make sense; references are not looked for.
+    """Resolve a campaign and check all of its values, but not its references.
 
     Nothing heavy is loaded for it: neither the simulator nor what methods train with.
 
@@ -226,7 +228,7 @@ class RoundPace(msgspec.Struct, frozen=True):
         first: episodes of its first round.
         later: episodes of the largest round after that.
         ahead: rounds that are open besides the oldest one.
-        setting: what makes rounds smaller.
+        setting: the setting that makes rounds smaller.
         width: episodes that can be open at a time for most of a campaign; None: any number.
     """
 

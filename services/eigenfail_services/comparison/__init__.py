@@ -1,1 +1,1 @@
-"""Several campaigns side by side: two groups, seeds, versions, methods, and where they fail."""
+"""Comparison of several campaigns: two groups, seeds, versions, methods and failure modes."""

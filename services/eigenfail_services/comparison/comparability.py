@@ -67,9 +67,10 @@ FlatSpec = Mapping[str, str]
 
 
 def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
-    """Group campaigns whose settings in `THINGS` are equal, in the order of their first.
+    """Group campaigns whose settings in `THINGS` are equal, ordered by each group's first campaign.
 
-    They may differ in their seed and in what changes no result, such as name, project and tags.
+    The campaigns may differ in their seed and in fields that change no result, such as name,
+    project and tags.
     """
     # Defaults are filled in, so that a campaign that writes one out is like one that does not.
     found: dict[bytes, list[Campaign]] = {}
@@ -81,7 +82,7 @@ def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
 
 
 def write_release_question(spec: CampaignSpec) -> str:
-    """Return text that is equal for campaigns of which each can be a release of the same planner.
+    """Return a text that is equal for campaigns that can be releases of the same planner.
 
     Settings of method and planner may differ: a release changes its planner, and the noise that the
     method draws is compared elsewhere.
@@ -167,7 +168,8 @@ def find_distinctions(
 
     Defaults are resolved on both sides, so that writing one out makes no difference. A setting that
     only one side's plug-ins have is listed if a campaign gives it another value than the default.
-    The version of the planner is one of them: a campaign without one differs from one with it.
+    The version of the planner counts as a setting: a campaign without a version differs from a
+    campaign with one.
     """
     left, right = [*map(flatten_spec, a)], [*map(flatten_spec, b)]
     shared = _list_paths(left) & _list_paths(right)
@@ -186,7 +188,7 @@ def find_differing_fields(found: Iterable[Distinction]) -> tuple[str, ...]:
 
 
 def find_mixed_fields(specs: Sequence[CampaignSpec]) -> tuple[str, ...]:
-    """Return the things in which the campaigns of one side differ among themselves."""
+    """Return the things that differ among the campaigns of one side."""
     side = [*map(flatten_spec, specs)]
     mixed = (
         THINGS[_name_field(path)]
@@ -220,7 +222,8 @@ def _find_values(
 def _name_absent(path: str, spec: FlatSpec, all_specs: Iterable[FlatSpec]) -> str:
     """Return the value of a setting that a spec does not have.
 
-    It is the default only if the plug-in has such a setting, as another campaign of it shows.
+    The value is the default only if the plug-in has such a setting, as another campaign with the
+    plug-in shows.
     """
     if path == "planner_version":
         return NO_VERSION
@@ -259,7 +262,7 @@ class PairedEpisodes(NamedTuple):
 
 
 def pair_episodes(store: Store, a: Sequence[Campaign], b: Sequence[Campaign]) -> PairedEpisodes:
-    """Pair episodes of equal index of campaigns of equal seed, where they saw the same noise."""
+    """Pair episodes of equal index in campaigns of equal seed, if they saw the same noise."""
     if problem := _find_obstacle(a, b):
         return PairedEpisodes(None, problem)
     by_seed = {campaign.spec.seed: campaign for campaign in b}

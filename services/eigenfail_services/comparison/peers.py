@@ -1,4 +1,4 @@
-"""Costs of the methods among campaigns that have everything else in common."""
+"""Costs of methods, among campaigns that have everything else in common."""
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -48,7 +48,7 @@ def compare_peers(pools: Sequence[Pool], read: ReadCampaign | None = None) -> tu
     """Return the costs of all groups of comparable campaigns, the newest campaign's group first.
 
     Args:
-        pools: of campaigns.
+        pools: pools of campaigns.
         read: returns a campaign, for the exact figures of one that is alone in its pool.
     """
     groups: dict[Hashable, dict[str, list[Pool]]] = defaultdict(lambda: defaultdict(list))

@@ -44,7 +44,7 @@ class ModeSource(NamedTuple):
     Attributes:
         analysis: id of the analysis.
         number: number of the mode.
-        behaviours: what the ego did in these failures.
+        behaviours: behaviours of the ego in the mode's failures.
     """
 
     analysis: int
@@ -61,17 +61,17 @@ class _CampaignModes(NamedTuple):
 
 
 class ReadRelease(NamedTuple):
-    """A release with what it is compared by.
+    """A release with the facts for its comparison.
 
     Attributes:
         release: the release.
         sources: the failure modes of its analyses.
-        step_s: duration of a step; None without a mode, or where steps differ. [s]
+        step_s: duration of a step; None without a mode, or if steps differ. [s]
         codes: code that ran the episodes of each campaign, by id of the campaign.
         settings: settings of the planner of each campaign, by id of the campaign.
-        design: how its episodes came about, which decides what numbers of failures may state.
+        design: sampling design of its episodes, which decides what numbers of failures can show.
         groups: analyses whose modes are not distinct.
-        noise: seeds and settings of its campaigns as text: the same ones give the same noise.
+        noise: seeds and settings of its campaigns as text; equal texts mean equal noise.
         errored: number of its episodes that errored.
         unresolved: number of its episodes that are unresolved.
     """
@@ -88,7 +88,7 @@ class ReadRelease(NamedTuple):
     unresolved: int
 
     def make_rate(self, failures: int) -> Rate:
-        """Return the rate of some of its failures; an episode in doubt may be one of these."""
+        """Return the rate of some failures; errored and unresolved episodes may hide more."""
         counts = self.release.episodes, self.errored, self.unresolved
         return self.design.make_rate(failures, *counts)
 
@@ -115,7 +115,7 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
     """Return a release from its campaigns.
 
     Args:
-        store: where analyses and episodes are.
+        store: store with analyses and episodes.
         version: the version.
         campaigns: the campaigns of the version that ask one question, oldest first.
     """
@@ -157,7 +157,7 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
 
 
 def _write_noise(campaigns: Sequence[Campaign]) -> str:
-    """Return seeds and settings of the method as text: with the same ones the noise is the same."""
+    """Return seeds and settings of the method as text; equal texts mean equal noise."""
     drawn = sorted(
         (each.spec.seed, msgspec.json.encode(each.spec.settings, order="deterministic").decode())
         for each in campaigns
@@ -183,7 +183,7 @@ def _read_settings(spec: CampaignSpec) -> PlannerSettings:
 
 
 def _drop_repeated(campaigns: Sequence[Campaign]) -> list[Campaign]:
-    """Return campaigns without earlier ones of the same seed, which have the same noise."""
+    """Return one campaign for each seed and settings: the newest with results, if any has some."""
     newest: dict[tuple[object, ...], Campaign] = {}
     for each in campaigns:
         place = each.spec.seed, msgspec.json.encode(each.spec.settings, order="deterministic")
@@ -194,7 +194,7 @@ def _drop_repeated(campaigns: Sequence[Campaign]) -> list[Campaign]:
 
 
 def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None:
-    """Return the modes of a campaign; None without a failure, and a sentence if there are none."""
+    """Return a campaign's modes, or a sentence if there are none; None without a failure."""
     if obstacle := _find_obstacle(campaign):
         return obstacle
     if not campaign.counts.failures:
@@ -225,7 +225,7 @@ def _find_obstacle(campaign: Campaign) -> str:
 
 
 def _describe_snapshot(store: Store, campaign: Campaign, found: _CampaignModes) -> str:
-    """Return that an analysis lacks failures that came after it; empty if it lacks none."""
+    """Return the remark that an analysis lacks later failures; empty if it has all failures."""
     if not found.is_snapshot:
         return ""
     begun = f"Analysis {found.analysis} was made while campaign {campaign.id} was running"
@@ -292,7 +292,7 @@ SEARCH = (
 
 
 def list_notes(read: Sequence[ReadRelease]) -> Iterator[str]:
-    """Yield what limits the comparison of releases, in sentences."""
+    """Yield sentences on the limits of the comparison of releases."""
     for place, each in enumerate(read):
         release = each.release
         if release.problem:
@@ -310,7 +310,7 @@ def list_notes(read: Sequence[ReadRelease]) -> Iterator[str]:
 
 
 def _compare_builds(read: ReadRelease, earlier: Sequence[ReadRelease]) -> Iterator[str]:
-    """Yield which earlier release has the same code, and which settings differ."""
+    """Yield sentences on an earlier release with the same code, and on settings that differ."""
     if not earlier:
         return
     version = read.release.version
@@ -351,7 +351,7 @@ def _join_settings(campaigns: Iterable[Mapping[str, str]]) -> dict[str, str]:
 
 
 def _describe_codes(read: ReadRelease) -> str:
-    """Return in which packages the campaigns of one version had different code."""
+    """Return a sentence on the packages whose code differed between a version's campaigns."""
     packages = sorted({name for code in read.release.fingerprints for name in code})
     differing = [
         f"{package} " + ", ".join(f"{digest} ({ids})" for digest, ids in by_digest.items())

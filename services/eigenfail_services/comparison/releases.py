@@ -1,4 +1,4 @@
-"""Releases: which campaigns test versions of a planner in one scenario, and their failure modes."""
+"""Releases: campaigns that test versions of a planner in one scenario, and their failure modes."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,10 +40,10 @@ DIGITS = 2
 def list_tested_worlds(
     store: Store, project: str | None = None
 ) -> tuple[release.ReleaseQuestion, ...]:
-    """Return the scenarios in which versions of a planner were tested, the newest first.
+    """Return the scenarios with tests of planner versions, the newest first.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         project: project that the campaigns belong to; None: any.
     """
     return tuple(map(_make_question, _group_campaigns(_list_campaigns(store).items, project)))
@@ -52,10 +52,10 @@ def list_tested_worlds(
 def list_release_tables(
     store: Store, project: str | None, limit: int
 ) -> tuple[release.ReleaseTable, ...]:
-    """Return the newest scenarios in which several versions were tested, with all their versions.
+    """Return the newest scenarios with tests of several versions, each with all its versions.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         project: project that the campaigns belong to; None: any.
         limit: maximum number of scenarios.
     """
@@ -69,7 +69,7 @@ def list_release_tables(
 
 
 def _group_campaigns(campaigns: Sequence[Campaign], project: str | None) -> list[list[Campaign]]:
-    """Return campaigns by what they ask, the newest first."""
+    """Group campaigns by their question, the newest first."""
     found: dict[str, list[Campaign]] = {}
     for campaign in campaigns:
         if project is None or campaign.spec.project == project:
@@ -78,10 +78,11 @@ def _group_campaigns(campaigns: Sequence[Campaign], project: str | None) -> list
 
 
 def make_release_table(store: Store, campaign: int) -> release.ReleaseTable:
-    """Return the versions that were tested as in a campaign, with what became of failure modes.
+    """Return the versions with the same question as a campaign, and the fate of failure modes.
 
     Raises:
-        NotFound: there is no such campaign, or it does not name the version of its planner.
+        NotFound: the campaign does not exist, or is not one of the newest campaigns that find
+            failures of a version.
     """
     key = write_release_question(store.campaigns.get(campaign).spec)
     read = _list_campaigns(store)
@@ -101,7 +102,7 @@ def _make_table(
     """Return the versions of campaigns that ask the same question.
 
     Args:
-        store: where analyses and episodes are.
+        store: store with analyses and episodes.
         alike: the campaigns, newest first.
         read_notes: sentences on campaigns that were not read.
     """
@@ -185,7 +186,7 @@ def _make_question(campaigns: Sequence[Campaign]) -> release.ReleaseQuestion:
 def _compare_modes(
     store: Store, read: Sequence[release_reading.ReadRelease]
 ) -> tuple[release.ReleaseMode, ...]:
-    """Return the modes over all releases; those with a problem say nothing of a mode."""
+    """Return the modes over all releases; releases with a problem are not compared."""
     compared = [each for each in read if not each.release.problem]
     # Accelerations over steps of different length are no points of one space.
     steps_s = {each.step_s for each in compared if each.step_s is not None}
@@ -223,7 +224,7 @@ def _list_sightings(
     compared: Sequence[release_reading.ReadRelease],
     found: mode_matching.Sightings,
 ) -> Iterator[release.ModeSighting]:
-    """Yield what became of a mode in each release, also in those that are not compared."""
+    """Yield the fate of a mode in each release, including releases that are not compared."""
     left = iter(found)
     skipped: list[str] = []
     for each in read:
@@ -261,11 +262,11 @@ def _describe_sighting(
     found: mode_matching.Sighting,
     compared: Sequence[release_reading.ReadRelease],
 ) -> str:
-    """Return why the status of a mode is what it is; empty before the mode was found.
+    """Return the reason for the status of a mode; empty before the mode was found.
 
     Args:
         read: the release.
-        found: what became of the mode in it.
+        found: fate of the mode in the release.
         compared: all releases that are compared, as `Sighting.same_as` counts them.
     """
     if found.status is None:
@@ -283,7 +284,7 @@ def _describe_sighting(
 
 
 def _count(read: release_reading.ReadRelease, failures: int) -> str:
-    """Return the number of failures, with its rate where the episodes are a random sample."""
+    """Return the number of failures, with its rate if the episodes are a random sample."""
     found = read.release
     if not found.failures:
         return f"No failure in {found.episodes:,} episodes" + _bound_rate(read)
@@ -324,7 +325,7 @@ _ModesByPlace = Mapping[tuple[int | None, int | None], Mode]
 
 
 def _read_modes(store: Store, read: Sequence[release_reading.ReadRelease]) -> _ModesByPlace:
-    """Return the modes of all analyses of releases, as triage and names are now."""
+    """Return the modes of all analyses of releases, with their present triage and names."""
     analyses = dict.fromkeys(source.analysis for each in read for source in each.sources)
     return {
         (mode.analysis, mode.number): mode
@@ -354,7 +355,7 @@ def _name_modes(
 
 
 def _list_fixed(modes: Sequence[release.ReleaseMode], known: _ModesByPlace) -> Iterator[str]:
-    """Yield which modes are marked fixed and are still there."""
+    """Yield sentences on modes that are marked fixed but still occur."""
     for mode in modes:
         # Only the newest sighting that is marked fixed counts: one warning about a mode is enough.
         for one in reversed(mode.sightings):

@@ -65,7 +65,7 @@ def find_spreads(store: Store, campaigns: Sequence[int]) -> tuple[SeedSpread, ..
     """Return the figures over seeds of each group of campaigns that differ in their seeds alone.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         campaigns: their ids; each counts once.
 
     Raises:
@@ -80,7 +80,7 @@ def make_spreads(
 ) -> tuple[SeedSpread, ...]:
     """Return the figures over seeds of each group with several seeds.
 
-    Groups in which no campaign has completed an episode are left out.
+    Groups without a completed episode are left out.
 
     Args:
         campaigns: campaigns of any kind, each once.
@@ -136,7 +136,7 @@ def _make_spread(
 
 
 def _pick_members(group: Group, summary_of: dict[int, Summary]) -> list[_Member]:
-    """Return the campaigns with a completed episode by seed; of one seed the one furthest on."""
+    """Return, by seed, the campaigns with a completed episode; only the furthest of each seed."""
     found: dict[int, _Member] = {}
     # The last one wins: of one seed that is the campaign with most episodes, then the newest.
     for campaign in sorted(group, key=lambda each: (summary_of[each.id].counts.completed, each.id)):
@@ -194,7 +194,7 @@ def _pool_rates(members: Sequence[_Member], lost: int) -> Rate:
 
     Args:
         members: campaigns with a completed episode.
-        lost: errored episodes of the others; each may hide a failure.
+        lost: errored episodes of seeds without a completed episode; each may hide a failure.
     """
     rates = [rate for member in members if (rate := member.summary.failure_rate)]
     return SamplingDesign.of([member.campaign.spec for member in members]).make_rate(
@@ -208,13 +208,14 @@ def _pool_rates(members: Sequence[_Member], lost: int) -> Rate:
 def price_over_seeds(sums: PairSums, instance_hours: float, failures: Rate) -> Cost:
     """Return total price ÷ all failures with its interval across seeds, or a lower bound.
 
-    If no seed has a failure, episodes that were drawn from p(x) bound the cost as those of one
-    campaign do. Those of a search bound it by their seeds: with 95 % confidence a seed finds
-    failures with a probability of at most 1 − 0.05^(1/n), and then in all of its episodes at most.
+    If no seed has a failure, episodes that were drawn from p(x) bound the cost as in one campaign.
+    Episodes of a search bound the cost by the number n of seeds. With 95 % confidence a seed finds
+    failures with a probability of at most 1 − 0.05^(1/n). At worst, all episodes of such a seed
+    fail.
 
     Args:
-        sums: over the seeds, of price [USD] and failures.
-        instance_hours: of all seeds. [h]
+        sums: sums over the seeds of price [USD] and failures.
+        instance_hours: instance hours of all seeds. [h]
         failures: failure rate over the episodes of all seeds.
     """
     if sums.failures:
@@ -250,7 +251,7 @@ def _list_notes(group: Group, members: Sequence[_Member], pooled: Rate) -> Itera
 
 
 def _describe_pooled_rate(rate: Rate) -> str:
-    """Return the failure rate of all episodes together, which were all drawn from p(x)."""
+    """Describe the failure rate of all episodes together, which were all drawn from p(x)."""
     quoted = (
         f"All episodes were drawn from p(x): together their failure rate is "
         f"{format_counted_rate(rate)}. Quote this "
@@ -260,15 +261,16 @@ def _describe_pooled_rate(rate: Rate) -> str:
 
 
 def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) -> SuiteTable:
-    """Return the newest campaign of each member, with the settings in which members differ.
+    """Return the newest campaign of each member, with the settings that differ between members.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         suite: its name.
-        most: rows of the table at most; beyond that members with the newest campaigns are shown.
+        most: maximum number of rows; if there are more members, the ones with the newest campaigns
+            are shown.
 
     Raises:
-        NotFound: no campaign belongs to such a suite.
+        NotFound: no campaign belongs to the suite.
     """
     campaigns = list(store.campaigns.iterate(CampaignFilter(suite=suite)))
     if not campaigns:

@@ -74,8 +74,8 @@ def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
 def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:
     """Return whether two rates differ by more than chance.
 
-    The interval excludes 0. Of pairs, whose score interval is approximate, McNemar's exact test
-    distinguishes the sides as well: with few pairs that differ the interval alone is too bold.
+    The interval excludes 0. For pairs, McNemar's exact test must distinguish the sides as well:
+    their score interval is approximate, and too narrow if few pairs differ.
     """
     # Tango's score interval is approximate, and too narrow where few pairs differ.
     excludes_none = not found.interval.low <= 0.0 <= found.interval.high
@@ -118,7 +118,7 @@ def _list_confounders(differing: Sequence[str]) -> Iterator[str]:
     """Warn that a difference has more than one possible cause, or none.
 
     Args:
-        differing: the things in which the sides differ.
+        differing: the things that differ between the sides.
     """
     if len(differing) > 1:
         yield (
@@ -134,7 +134,7 @@ def _warn_of_mixture(side: str, differing: Sequence[str]) -> Iterator[str]:
 
     Args:
         side: its name.
-        differing: the things in which its campaigns differ among themselves.
+        differing: the things that differ among its campaigns.
     """
     if differing:
         yield f"The campaigns of {side} differ among themselves in {', '.join(differing)}."
@@ -190,9 +190,9 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
     """Compare failure rates, cost, likelihood and pairs of two groups of campaigns.
 
     Args:
-        store: where the campaigns are.
+        store: store with the campaigns.
         a: ids of campaigns that differ in their seeds alone.
-        b: the same for the other side.
+        b: ids of such campaigns for side B.
 
     Raises:
         InvalidValue: a side without a campaign, or a campaign that is named twice.
@@ -298,8 +298,8 @@ def _find_paired_difference(
 ) -> Difference | None:
     """Return the difference over the pairs; None without pairs.
 
-    None too where a stop rule judged failures: the number of pairs is then no fixed one; and where
-    episodes errored: a pair without one of its episodes would be left out, whatever it hides.
+    Also None if a stop rule judged failures: the number of pairs is then not fixed. Also None if
+    episodes errored: a pair with an errored episode would be left out, whatever that episode hides.
     """
     if pairing.totals is None or SamplingDesign.of_failures(campaigns).judges_failures:
         return None
@@ -319,7 +319,7 @@ def _find_difference(
 
 
 def _bound_both_sides(rate: Rate, campaigns: Sequence[Campaign]) -> Rate:
-    """Return a rate with a two-sided interval, of a search as if its episodes were a sample."""
+    """Return a rate with a two-sided interval; a search counts as if its episodes were a sample."""
     bounds = SamplingDesign.of_failures(campaigns).find_bounds(rate)
     return replace(rate, interval=bounds, sampled=True)
 
@@ -339,7 +339,7 @@ def _list_known_rates(side: Side) -> list[float]:
 
 
 def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
-    """Yield why there is no effect size over several seeds of each side."""
+    """Yield the reason for a missing effect size over several seeds of each side."""
     n_a, n_b = (len(_list_known_rates(side)) for side in (a, b))
     if min(n_a, n_b) > 1 and not comparison.can_distinguish(n_a, n_b):
         yield (
@@ -352,7 +352,7 @@ FEWEST, MOST = 2, 12
 
 
 def read_distinct_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
-    """Return the campaigns to be compared, each once, in the order in which they are named.
+    """Return the campaigns to compare, each once, in the given order.
 
     Raises:
         InvalidValue: they are too many.

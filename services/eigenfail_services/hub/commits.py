@@ -62,7 +62,7 @@ class CommitQueue:
         meanwhile: runs again and again while results are committed, and may add others.
 
     Attributes:
-        stuck: whether results wait that the store could not take at the last attempt.
+        stuck: whether results wait because the store could not take them at the last attempt.
     """
 
     def __init__(
@@ -205,7 +205,7 @@ class CodeRecorder:
     """Records the fingerprints of the code of the workers that a campaign's episodes are leased to.
 
     Args:
-        campaigns: are written to.
+        campaigns: store that the fingerprints are written to.
     """
 
     def __init__(self, campaigns: CampaignStore) -> None:
@@ -214,7 +214,7 @@ class CodeRecorder:
         self._written: set[tuple[int, frozenset[tuple[str, str]]]] = set()
 
     def note(self, campaign: int, versions: Mapping[str, str]) -> None:
-        """Note that a worker with these versions gets episodes of a campaign."""
+        """Note the versions of a worker that gets episodes of a campaign."""
         code = frozenset(item for item in versions.items() if item[0].startswith(CODE))
         if code and (campaign, code) not in self._written:
             self._pending[campaign, code] = None

@@ -122,7 +122,7 @@ class KeyFolder:
 
     Args:
         path: path of the folder.
-        now_ms: the wall clock by which keys expire.
+        now_ms: wall clock for the expiry of keys.
     """
 
     def __init__(self, path: Path, now_ms: Callable[[], int] = now_ms) -> None:
@@ -186,7 +186,7 @@ class KeyFolder:
         """Create another hub key; a running hub uses it after its next start.
 
         Raises:
-            InvalidValue: there is no hub key yet, or the new one cannot be written.
+            InvalidValue: the hub does not have a key yet, or the new one cannot be written.
         """
         self.secret()
         secret = generate_secret()
@@ -254,7 +254,7 @@ class KeyFolder:
         replace_private(self._workers / name, lines, FIELD)
 
     def _prepare(self, name: str) -> bool:
-        """Create the folder and the hub's key; return whether there was no hub key before."""
+        """Create the folder and the hub's key; return whether the hub's key is new."""
         # The name becomes that of a file: it must not lead out of the folder.
         if not NAME.fullmatch(name):
             remedy = "Use up to 64 letters, digits, dots, dashes and underscores; no dot at first."
@@ -283,10 +283,10 @@ class KeyFolder:
 
 
 class HubKeys:
-    """The secret of a running hub, and the keys it accepts: those of a folder and its own workers'.
+    """The secret of a running hub, and the keys it accepts: a folder's keys and its own workers'.
 
     Raises:
-        InvalidValue: there is no hub key in the folder.
+        InvalidValue: the folder does not hold a hub key.
     """
 
     def __init__(self, folder: KeyFolder) -> None:

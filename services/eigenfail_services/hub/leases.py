@@ -11,7 +11,7 @@ from eigenfail_services.hub.scheduler import Assignment, Scheduler
 
 
 class LeaseTable:
-    """Which worker holds which episode; each change is O(log n).
+    """The episodes that each worker holds; each change is O(log n).
 
     Args:
         sessions: sessions of the connected workers, which are kept up to date.
@@ -95,8 +95,8 @@ class Disconnection(NamedTuple):
 class InterruptedEpisodes:
     """Episodes that were running when their workers were lost or disconnected.
 
-    Those of lost workers wait until the death is counted. A disconnected worker may have lost no
-    more than its connection, so it has time to come back.
+    Episodes of lost workers wait until the death is counted. A disconnected worker may have lost
+    only its connection, so it has time to come back.
     """
 
     def __init__(self) -> None:
@@ -124,9 +124,9 @@ class InterruptedEpisodes:
     def withholds(self, key: worker_table.Key, task: EpisodeTask) -> bool:
         """Return whether an episode must not be leased now.
 
-        Its death is to be counted, or two disconnected workers ran it. One of these may have lost
-        no more than its connection. A second one is hardly chance, and a third worker would be lost
-        before the first death is counted.
+        Either its death is to be counted, or two disconnected workers ran it. One worker may have
+        lost only its connection. A second disconnection is hardly chance, and a third worker would
+        be lost before the first death is counted.
         """
         same = [other for other in self._running.get(key, {}).values() if is_same_task(other, task)]
         return key in self._lost or len(same) > 1
@@ -168,19 +168,20 @@ class InterruptedEpisodes:
 class Leases:
     """Leases episodes to workers in batches, and takes them back from workers that are gone.
 
-    What ends, and what becomes of the episodes:
+    The effects of some methods on the episodes:
 
     ==========================  ===================================================================
-    `end_session`               the worker is alive: what it held waits again
-    `end_lost_session`          the worker is lost: what it ran is interrupted, the rest waits again
-    `end_disconnected_session`  what it held waits again; what it ran is interrupted if it does not
-                                come back in time (`expire_disconnected`)
-    `stop_leasing`              the worker finishes what it holds and gets nothing more
-    `unqueue_campaign`          the learner is lost: nothing waits, leases go on
-    `remove_campaign`           the campaign is over: nothing waits, all leases end
-    `record_result`             the episode has a result, which is not committed yet
-    `record_verdict`            that result was judged; if refused, the episode may be offered again
-    `complete`                  the episode has a result: it does not wait, and its lease ends
+    `end_session`               The worker is alive: its episodes wait again.
+    `end_lost_session`          The worker is lost: its running episode is interrupted.
+                                The rest waits again.
+    `end_disconnected_session`  The worker's episodes wait again. The running one is interrupted if
+                                the worker does not come back in time (`expire_disconnected`).
+    `stop_leasing`              The worker finishes its episodes and gets nothing more.
+    `unqueue_campaign`          The learner is lost: nothing waits, leases go on.
+    `remove_campaign`           The campaign is over: nothing waits, all leases end.
+    `record_result`             The episode has a result, which is not committed yet.
+    `record_verdict`            The result was judged. If refused, its episode may be offered again.
+    `complete`                  The episode has a result: it does not wait, and its lease ends.
     ==========================  ===================================================================
 
     Attributes:
@@ -201,8 +202,8 @@ class Leases:
     def open_session(self, worker: bytes, hello: Hello, now_s: float) -> None:
         """Open the session of a worker, with the episodes that it holds from before.
 
-        If it had a session before, by this connection or another one, that ends: what it held and
-        does not name can be leased again.
+        An earlier session of the worker, by this connection or another one, ends: episodes that the
+        worker held and does not name can be leased again.
         """
         for old in self._workers.find_connections(worker, hello):
             self.end_session(old)
@@ -225,7 +226,7 @@ class Leases:
         named: Collection[worker_table.Key],
         slots: int = 1,
     ) -> None:
-        """Take in a worker's heartbeat, and free what it has not named for long.
+        """Process a worker's heartbeat, and free episodes that it has not named for long.
 
         A lease or a result of such an episode was lost on its way.
 
@@ -253,7 +254,7 @@ class Leases:
         return self.has_leases(campaign) or campaign in self._queue.list_waiting_campaigns()
 
     def needs_result(self, campaign: int, index: int) -> bool:
-        """Return whether an episode was offered and has no result since then."""
+        """Return whether an episode was offered and still lacks a result."""
         return self._queue.needs_result(campaign, index)
 
     def episode_s(self, campaign: int) -> float:
@@ -271,12 +272,12 @@ class Leases:
         return self._workers.list_silent(now_s, limit_s)
 
     def excuse_silence(self, duration_s: float, now_s: float) -> None:
-        """Do not count as silence a time in which the hub itself could read no messages."""
+        """Do not count time as silence if the hub itself could not read messages."""
         self._workers.excuse_silence(duration_s, now_s)
         self._interrupted.extend(duration_s)
 
     def end_session(self, worker: bytes) -> None:
-        """End the session of a worker that is alive; what it held waits again, at the front."""
+        """End the session of a live worker; its episodes wait again, at the front."""
         self._holdings.remove_worker(worker)
         if session := self.sessions.get(worker):
             self._free(session, set(session.held))
@@ -284,7 +285,7 @@ class Leases:
             self._scheduler.remove_worker(worker, session)
 
     def end_lost_session(self, worker: bytes) -> None:
-        """End the session of a lost worker: what it ran is suspected, the rest waits again."""
+        """End a lost worker's session: its running episode is suspected, the rest waits again."""
         session = self.sessions[worker]
         # First, as `end_session` has all the rest wait again at once.
         if session.running is not None and session.running in session.held:
@@ -294,7 +295,7 @@ class Leases:
     def end_disconnected_session(self, worker: bytes, until_s: float) -> None:
         """End the session of a disconnected worker: its leases return to the queue.
 
-        What it ran is suspected if it does not come back until then.
+        The worker's running episode is suspected if the worker does not come back by `until_s`.
         """
         session = self.sessions[worker]
         running = session.running
@@ -304,13 +305,13 @@ class Leases:
         self.end_session(worker)
 
     def expire_disconnected(self, now_s: float) -> None:
-        """Suspect what those disconnected workers ran that did not come back in time."""
+        """Suspect the episodes of disconnected workers that did not come back in time."""
         for key, task, _ in self._interrupted.pop_overdue(now_s):
             if self._queue.needs_result(*key):
                 self._interrupted.add(key, task)
 
     def list_interrupted(self) -> list[tuple[int, EpisodeTask]]:
-        """Return the campaigns and episodes that ran when their workers were lost, uncounted."""
+        """Return the interrupted episodes of lost workers, before their deaths are counted."""
         # A copy, as episodes are cleared while the caller goes through them.
         return [*self._interrupted]
 
@@ -375,8 +376,8 @@ class Leases:
         """Lease nothing more of a campaign whose learner is lost; leases stay with their workers.
 
         The next learner proposes the same episodes again: it starts from a checkpoint that was
-        committed before any of them was leased, and that holds the open rounds with their indices,
-        seeds and policy versions.
+        committed before any of them was leased. The checkpoint holds the open rounds with their
+        indices, seeds and policy versions.
         """
         self._queue.remove_campaign(campaign)
 
@@ -421,11 +422,11 @@ class Leases:
         """Lease each waiting episode that a worker holds from before to that worker.
 
         After a restart of the hub, a campaign goes on from a checkpoint that was committed before
-        the first lease of its rounds, so a task that a worker took before is the task that waits
-        here. The fingerprints differ if it is not, as with a worker of another service.
+        the first lease of its rounds. So a task that a worker took before is the task that waits
+        here. If it is not, as with a worker of another service, the fingerprints differ.
 
         Returns:
-            Workers, and the campaigns of which they hold other tasks than those that wait here.
+            Pairs of a worker and a campaign whose held task differs from the waiting task.
         """
         refused = set()
         for holding in self._holdings.match(self._queue, fingerprint):

@@ -1,7 +1,7 @@
 """Prometheus metrics of a hub, and the demand for workers.
 
-Events are counted where they happen. The hub's thread publishes its status from time to time, so
-that a scrape never reads what that thread is changing.
+Each part counts its own events. The hub's thread publishes its status from time to time, so that a
+scrape never reads data that the thread is changing.
 """
 
 import time
@@ -53,7 +53,7 @@ class WorkerDemand(msgspec.Struct, frozen=True):
 
     Attributes:
         present: names of the connected workers.
-        idle: names of those that hold no episode.
+        idle: names of the workers that hold no episode.
     """
 
     work: Work = Work()
@@ -131,7 +131,7 @@ class Metrics(Collector):
     """The metrics of one hub.
 
     Attributes:
-        status: as published last.
+        status: the last published status.
     """
 
     def __init__(self, registry: CollectorRegistry | None = None) -> None:
@@ -186,7 +186,7 @@ class Metrics(Collector):
 def summarize_status(
     campaigns: Mapping[int, RunningCampaign], sessions: "Collection[WorkerSession]"
 ) -> HubStatus:
-    """Return the status of a hub with these running campaigns and worker sessions."""
+    """Return the status of a hub from its running campaigns and worker sessions."""
     leased = Tally(campaign for session in sessions for campaign, _ in session.held)
     loads = {
         campaign: CampaignLoad(
@@ -200,7 +200,7 @@ def summarize_status(
 def measure_demand(
     campaigns: Iterable[RunningCampaign], sessions: "Sequence[WorkerSession]"
 ) -> WorkerDemand:
-    """Return the work of these running campaigns, and the workers of these sessions."""
+    """Return the work of running campaigns, and the workers of the given sessions."""
     works = [campaign.work() for campaign in campaigns]
     busy = {session.name for session in sessions if session.held}
     present = frozenset(session.name for session in sessions)
@@ -222,7 +222,7 @@ stopped, or waited for the database."""
 
 
 class CampaignPhase(StrEnum):
-    """What a campaign does: `simulating` as long as a worker holds any of its episodes."""
+    """Activity of a campaign: `simulating` as long as a worker holds any of its episodes."""
 
     SIMULATING = "simulating"
     LEARNING = "learning"
@@ -304,7 +304,7 @@ class Timeout:
         self._looked_s = self._clock()
 
     def has_expired(self) -> bool:
-        """Count the time since the last look; return whether there has been too much of it."""
+        """Count the time since the last call; return whether the limit is exceeded."""
         now_s = self._clock()
         # A process that did not look was stopped itself: that is not its learner's fault.
         self._spent_s += min(now_s - self._looked_s, MAX_COUNTED_GAP_S)

@@ -30,11 +30,11 @@ class RoundCollector:
         self._round_of: dict[int, int] = {}
 
     def list_new_tasks(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
-        """Return the tasks of those rounds that are not open."""
+        """Return the tasks of the rounds that are not open yet."""
         return tuple(task for r in rounds if r.number not in self._rounds for task in r.tasks)
 
     def open(self, rounds: Iterable[Round]) -> tuple[EpisodeTask, ...]:
-        """Open those rounds that are not open, and return their tasks."""
+        """Open the rounds that are not open yet, and return their tasks."""
         fresh = [r for r in rounds if r.number not in self._rounds]
         for r in fresh:
             self._rounds[r.number] = r
@@ -44,7 +44,7 @@ class RoundCollector:
         return tuple(task for r in fresh for task in r.tasks)
 
     def find_pending_task(self, index: int) -> EpisodeTask | None:
-        """Return the task of an episode of an open round that has no result yet."""
+        """Return the task of an episode in an open round; None if it has a result already."""
         return None if index in self._results else self._tasks.get(index)
 
     def count_pending(self) -> int:
@@ -61,7 +61,7 @@ class RoundCollector:
         self._results[result.index] = result
 
     def pop_complete(self) -> tuple[EpisodeResult, ...] | None:
-        """Close the oldest round and return its results, if all are there."""
+        """Close the oldest round and return its results, if it is complete."""
         if not self._rounds:
             return None
         # Rounds are observed in order, whichever is complete first.
@@ -92,7 +92,7 @@ class OpenRounds:
     Args:
         campaign: id of the campaign.
         form: form of its noise.
-        store: where results are kept.
+        store: store of the results.
         leases: leases of all campaigns.
         observes: whether the learner uses the results; if not, it gets their outcomes alone.
 
@@ -170,7 +170,7 @@ class OpenRounds:
         self.collector.add(self._reduce(result))
 
     def _reduce(self, result: EpisodeResult) -> EpisodeResult:
-        """Return what the learner is to observe of a result."""
+        """Return the part of a result that the learner is to observe."""
         if not self._observes:
             identity = result.index, result.seed, result.outcome, result.steps
             return EpisodeResult(*identity, self._no_noise, result.source)

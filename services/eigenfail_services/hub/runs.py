@@ -47,14 +47,14 @@ class RunSpec(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         campaign: id of the campaign.
-        setup: what its episodes share.
+        setup: setup that its episodes share.
         method: name of its method.
         settings: settings of the method.
         seed: seed of the campaign.
         context: context of the learner.
         rules: rules that stop the campaign.
         observes: whether its learner uses the results of episodes.
-        accounting: where its time is accounted for.
+        accounting: accounting of its time.
         claim: returns the job that gives the right to run it, which may be renewed meanwhile.
         weight: weight of its share of worker time.
     """
@@ -77,7 +77,7 @@ class CampaignRun:
 
     Args:
         spec: specification of the campaign.
-        store: where results and checkpoints are kept.
+        store: store of results and checkpoints.
         leases: leases of all campaigns.
         bounds: bounds of the learner, whose steps are to start, and to learn from a round.
         metrics: count the learner's steps and failures.
@@ -250,7 +250,7 @@ class CampaignRun:
         return Work(episodes, episodes * self._leases.episode_s(self.spec.campaign))
 
     def update_phase(self) -> None:
-        """Account for the campaign's time by what it does from now on."""
+        """Account for the campaign's time by its activity from now on."""
         idle = CampaignPhase.WAITING if self._learning_since_s is None else CampaignPhase.LEARNING
         busy = self._leases.has_leases(self.spec.campaign)
         self.spec.accounting.set_phase(CampaignPhase.SIMULATING if busy else idle)

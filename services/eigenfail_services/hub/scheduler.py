@@ -1,4 +1,4 @@
-"""Which worker is leased how many episodes of which campaign next."""
+"""Scheduling: the choice of the next worker, campaign and number of episodes for a lease."""
 
 from collections.abc import Collection
 from heapq import heapify, heappop, heappush
@@ -34,16 +34,17 @@ class FairShare:
 
     Goyal, Vin and Cheng: Start-time Fair Queuing, IEEE/ACM Transactions on Networking 5(5), 1997.
     Each campaign has a clock that advances by the worker seconds it is given ÷ its weight, and the
-    campaign whose clock is furthest behind has the next turn. What a turn takes is charged in
-    advance, as estimated.
+    campaign whose clock is furthest behind has the next turn. The estimated work of a turn is
+    charged in advance.
 
     With turns of at most L_i worker seconds and weights w_i, for campaigns that always have work:
 
-    - no two clocks are further apart than the largest L_k ÷ w_k, so that what a campaign was given
-      never differs from its weight's share of all by more than w_i × max L_k ÷ w_k worker seconds;
+    - two clocks are never further apart than the largest L_k ÷ w_k; so the time that a campaign was
+      given never differs from its weight's share of all time by more than w_i × max L_k ÷ w_k
+      worker seconds;
     - between two turns of a campaign the others are given at most sum over j of w_j L_i ÷ w_i +
       L_j; with equal turns these are at most sum over j of floor(w_j ÷ w_i) + 1 turns;
-    - a new campaign, or one that had no work, waits for at most one turn of each of the others.
+    - a new campaign, or a campaign that was idle, waits for at most one turn of each other one.
     """
 
     def __init__(self) -> None:
@@ -59,8 +60,8 @@ class FairShare:
     def next_campaign(self, campaigns: Collection[int]) -> int | None:
         """Return the campaign whose turn it is among those with waiting work.
 
-        A campaign that had no work at the last turn begins where the others are: idle time is not
-        saved up.
+        A campaign without work at the last turn does not start behind that turn's clock: idle time
+        is not saved up.
         """
         if not campaigns:
             return None
@@ -87,8 +88,8 @@ class FairShare:
 class LeastLoaded:
     """Heap of the workers that need work, the least loaded first.
 
-    An entry that is out of date stays in the heap until it comes up or more than half of the heap
-    is. A change costs O(log n) on average.
+    An outdated entry stays in the heap until it comes up or until more than half of the entries are
+    outdated. A change costs O(log n) on average.
     """
 
     def __init__(self) -> None:
@@ -109,7 +110,7 @@ class LeastLoaded:
         self._entries.pop(worker, None)
 
     def first(self) -> Entry | None:
-        """Return the entry with the least load, of equal ones the oldest; None if there is none."""
+        """Return the least loaded entry, the oldest among equal ones; None if the heap is empty."""
         while self._heap and self._entries.get(self._heap[0][2]) is not self._heap[0]:
             heappop(self._heap)
         return self._heap[0] if self._heap else None
@@ -156,10 +157,10 @@ class _Pool:
 class Scheduler:
     """Keeps the workers busy, and the campaigns' shares of worker time fair.
 
-    All campaigns share the time of workers with a bridge, and those that need no bridge share the
-    time of the others. Each of the two pools is shared on its own, so that no campaign waits for a
-    turn on workers that cannot run it. An assignment costs O(log workers + campaigns), however many
-    episodes are leased or wait.
+    All campaigns share the time of workers with a bridge. Campaigns that need no bridge share the
+    time of workers without one. Each of the two pools is shared on its own, so that no campaign
+    waits for a turn on workers that cannot run it. An assignment costs O(log workers + campaigns),
+    however many episodes are leased or wait.
     """
 
     def __init__(self) -> None:
@@ -179,7 +180,7 @@ class Scheduler:
         self._on_bridge.add(campaign)
 
     def list_unrunnable(self, campaigns: Collection[int]) -> Collection[int]:
-        """Return those of the campaigns that no connected worker can run."""
+        """Return the given campaigns that no connected worker can run."""
         return () if self.has_bridge() else self._on_bridge.intersection(campaigns)
 
     def has_bridge(self) -> bool:
@@ -233,7 +234,7 @@ class Scheduler:
 
         Args:
             campaign: campaign of the episode.
-            wall_s: as its result reports it, so that it may be nonsense.
+            wall_s: duration that its result reports, which may be nonsense. [s]
             lease: lease under which it was run; None if the worker's lease had ended.
         """
         if not 0.0 < wall_s < inf:

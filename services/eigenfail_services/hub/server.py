@@ -68,9 +68,9 @@ class Hub:
     With keys, only workers with accepted keys can reach it.
 
     Attributes:
-        address: at which it listens.
+        address: address that it listens on.
         finished_runs: campaigns that it does not run any more.
-        metrics: for Prometheus.
+        metrics: metrics for Prometheus.
 
     Raises:
         PortTaken: another process listens on the address.
@@ -224,7 +224,7 @@ class Hub:
         self._code.write()
 
     def _halt_declined(self) -> None:
-        """Halt what a worker cannot run, before every episode of it errs for the same reason."""
+        """Halt campaigns that a worker cannot run, before all their episodes err alike."""
         while self._sessions.declined:
             campaign, reason = self._sessions.declined.popitem()
             self._halt(FinishedRun(campaign, "", declined=reason))
@@ -281,7 +281,7 @@ class Hub:
             time.sleep(TICK_MS / 1_000)
 
     def _await_results(self) -> None:
-        """Take the finished results of dismissed workers; what they run is leased again later."""
+        """Take the results of dismissed workers; unfinished episodes are leased again later."""
         until_s = time.monotonic() + FAREWELL_S
         while True:
             self._receive()

@@ -75,7 +75,7 @@ log = structlog.get_logger()
 
 
 class Router(zmq.Socket[bytes]):
-    """A ROUTER whose messages have one frame each, behind the connection that they came by."""
+    """A ROUTER whose messages have one frame each, after the identity of their connection."""
 
     def receive(self) -> tuple[bytes, bytes]:
         """Return the connection and the last frame of the next message.
@@ -153,8 +153,8 @@ class RefusalLog:
 class ZapAuthenticator:
     """Answers ZeroMQ's questions about the keys of connecting workers (CURVE, ZAP).
 
-    It runs in a thread of its own, so that handshakes and the hub do not delay each other. Its
-    router has a context of its own, as there can be one authenticator for each context.
+    It runs in a separate thread, so that handshakes and the hub do not delay each other. Its router
+    has a separate context, as each context can have only one authenticator.
     """
 
     def __init__(self, keys: HubKeys) -> None:
@@ -233,11 +233,11 @@ class ZapAuthenticator:
 
 
 def load_keys(address: str, folder: Path | None) -> HubKeys | None:
-    """Return the keys with which to listen on an address; None if it needs none.
+    """Return the keys for listening on an address; None if it needs none.
 
     Raises:
-        InvalidValue: the folder holds no keys; or none is given, other machines can reach the
-            address, and their network is not declared to be private.
+        InvalidValue: the folder holds no keys; or a folder is not given, although other machines
+            can reach the address over a network that is not declared to be private.
     """
     if folder is not None:
         try:
@@ -282,8 +282,8 @@ def bind(address: str, keys: HubKeys | None = None) -> Router:
 def send(router: Any, worker: bytes, message: messages.Message) -> None:
     """Send a message to a worker, at once or never.
 
-    It is dropped if the worker's connection is closed or has taken no messages for long, and with a
-    line in the log if it is longer than any worker accepts.
+    The message is dropped if the worker's connection is closed or has taken no messages for long. A
+    message that is longer than any worker accepts is dropped with a line in the log.
     """
     try:
         _try_send(router, worker, message)
@@ -295,7 +295,8 @@ def is_connected(router: Any, worker: bytes) -> bool:
     """Return whether a worker's connection is open, by sending it a message without effect.
 
     The system of a killed process closes its connections at once, and ZeroMQ forgets them. The
-    connection of a slow or stopped process stays open, and for long that of a lost machine, too.
+    connection of a slow or stopped process stays open. The connection of a lost machine stays open
+    for long, too.
     """
     return _try_send(router, worker, HEARTBEAT_ACK) != zmq.EHOSTUNREACH
 
@@ -362,7 +363,7 @@ class ConnectionProbe:
         self._next_probe_s = 0.0
 
     def find_closed(self, quiet: Collection[bytes], now_s: float) -> list[bytes]:
-        """Return those of the quiet workers whose connections were closed for `GRACE_S`."""
+        """Return the quiet workers whose connections have been closed for `GRACE_S`."""
         if now_s < self._next_probe_s:
             return []
         self._next_probe_s = now_s + PROBE_INTERVAL_S

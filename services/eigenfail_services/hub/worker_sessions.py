@@ -136,7 +136,7 @@ class WorkerSessions:
         is_connected: returns whether a worker's connection is open.
 
     Attributes:
-        declined: campaigns of which a worker can run no episode, with the reasons.
+        declined: campaigns that a worker cannot run, with the reasons.
         prepared: campaigns whose setup was sent to a worker, with the versions of the worker.
     """
 
@@ -318,7 +318,7 @@ class WorkerSessions:
         self._send(worker, messages.Drop(campaign))
 
     def assign(self, runs: Mapping[int, CampaignRun]) -> None:
-        """Adopt what workers hold, lease what waits, and send what those leases need first."""
+        """Adopt held episodes, lease waiting ones, and first send needed setups and policies."""
         # First: what a worker holds must not be leased to another one.
         self._adopt(runs)
         is_new = time.monotonic() - self._began_s < ADOPTION_GRACE_S
@@ -363,9 +363,9 @@ class WorkerSessions:
 def explain_refusal(protocol: int, worker_versions: Mapping[str, str]) -> str:
     """Return why a worker of this protocol and these versions is refused; empty if it is not.
 
-    It has to speak the same protocol and to be of the same release except for the last number of
-    its version, which counts corrections that do not change the results of episodes. Its processor
-    has to compute as the hub's does, bit for bit.
+    The worker must speak the same protocol and have the same release as the hub. Only the last
+    number of the versions may differ: it counts corrections that do not change the results of
+    episodes. The worker's processor must compute as the hub's does, bit for bit.
     """
     ours, theirs = versions().get(PACKAGE, ""), worker_versions.get(PACKAGE, "")
     is_same_release = not theirs or theirs.split(".")[:2] == ours.split(".")[:2]

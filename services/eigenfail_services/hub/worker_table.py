@@ -55,16 +55,16 @@ class EndedLease(NamedTuple):
 
 
 class WorkerSession:
-    """A connected worker, what it holds and what it was sent.
+    """A connected worker, with its episodes and the data that it was sent.
 
     Attributes:
         arrival: its description of itself.
         last_heard_s: time of its last message.
         has_bridge: whether it can run episodes that need a bridge.
-        offer: what that bridge offers, as JSON; None as long as it is not known.
+        offer: offer of its bridge, as JSON; None until it is known.
         running: the episode that it runs, by its last heartbeat.
         parallel: number of episodes of the running campaign that it can run at the same time.
-        held: the episodes that are leased to it and have no result yet.
+        held: the episodes that are leased to it and still lack a result.
         load_s: estimated work in `held`. [s]
         slowness: duration of its episodes divided by their usual duration.
         life: random name of its process; empty if it sent none.
@@ -111,14 +111,14 @@ class WorkerSession:
         return self._slots.get(campaign, 1)
 
     def add_lease(self, key: Key, task: EpisodeTask, work_s: float) -> None:
-        """Add an episode to those that the worker holds."""
+        """Add an episode to the worker's leases."""
         self.held[key] = task
         self.load_s += work_s
         self._work_s[key] = work_s
         self._unnamed.pop(key, None)
 
     def end_lease(self, key: Key) -> EndedLease:
-        """Remove an episode from those that the worker holds."""
+        """Remove an episode from the worker's leases."""
         work_s = self._work_s.pop(key)
         task = self.held.pop(key)
         # Sums of floats drift; without an episode the load is 0.
@@ -144,8 +144,8 @@ class WorkerSession:
     def needs_work(self) -> bool:
         """Return whether the worker holds too little work and has credit for more.
 
-        Episodes that run in parallel may all end at the same moment, so a worker should always
-        hold more episodes than it runs, unless it runs long ones, one at a time.
+        Episodes that run in parallel may all end at the same moment. So a worker should always hold
+        more episodes than it runs, unless it runs long ones, one at a time.
         """
         held = len(self.held)
         runs_long = self.parallel == 1 and held > 0 and self.load_s >= LONG_EPISODE_S * held
@@ -207,7 +207,7 @@ class WorkerTable:
         return silent
 
     def excuse_silence(self, duration_s: float, now_s: float) -> None:
-        """Do not count as silence a time in which the hub itself could read no messages."""
+        """Do not count time as silence if the hub itself could not read messages."""
         for session in self.sessions.values():
             # All shift alike, so that the order of `_by_silence` stays right.
             session.last_heard_s = min(now_s, session.last_heard_s + duration_s)
@@ -231,7 +231,7 @@ class EpisodeQueue:
         self._nonempty: dict[int, None] = {}
 
     def list_waiting_campaigns(self) -> Collection[int]:
-        """Return the campaigns of which at least one episode waits."""
+        """Return the campaigns with at least one waiting episode."""
         return self._nonempty.keys()
 
     def tasks(self, campaign: int) -> OrderedDict[int, EpisodeTask]:
@@ -259,14 +259,15 @@ class EpisodeQueue:
     def put_back(self, campaign: int, task: EpisodeTask) -> None:
         """Put an episode at the front of its campaign's queue, if it needs a result.
 
-        One that needs none now may be required again later, with the policy that it needs then.
+        An episode that needs no result now may be required again later, with the policy of that
+        time.
         """
         if self.needs_result(campaign, task.index):
             self.append(campaign, task)
             self._queues[campaign].move_to_end(task.index, last=False)
 
     def pop(self, campaign: int, index: int | None = None) -> EpisodeTask:
-        """Remove and return the first episode of a queue, or the one of an index, which waits."""
+        """Remove and return a campaign's first waiting episode, or the one with the index."""
         queue = self._queues[campaign]
         task = queue.popitem(last=False)[1] if index is None else queue.pop(index)
         if not queue:
@@ -400,10 +401,10 @@ log = structlog.get_logger()
 
 
 class RosterWriter:
-    """Writes arrivals and departures of workers, and at times that the others are still connected.
+    """Records arrivals and departures of workers, and regularly that the rest are still connected.
 
     Args:
-        roster: is written to.
+        roster: roster to write to.
         sessions: sessions of the connected workers, by connection.
     """
 
@@ -415,7 +416,7 @@ class RosterWriter:
         self._next_update_s = self._next_heartbeat_s = time.monotonic()
 
     def update(self) -> None:
-        """Write what has changed, if it is time to.
+        """Write the changes since the last update, if an update is due.
 
         Raises:
             StoreUnavailable: the next call tries again.
@@ -466,7 +467,7 @@ class UnrunnableCampaigns:
     """Writes an event for a campaign that no connected worker can run, and when one can again.
 
     Args:
-        events: are written to.
+        events: log to write to.
         list_unrunnable: returns the campaigns with waiting episodes that no worker can run.
         has_bridge: returns whether a worker with a bridge is connected. Without waiting episodes, a
             campaign needs no worker, so only this shows that one has come.
@@ -488,7 +489,7 @@ class UnrunnableCampaigns:
         """Write the events that are due.
 
         Args:
-            running: campaigns; nothing is written of others.
+            running: running campaigns; no event is written for other campaigns.
 
         Raises:
             StoreUnavailable: the next call tries again.

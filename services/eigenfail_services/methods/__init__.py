@@ -1,4 +1,4 @@
-"""The methods: learners that choose disturbances, pure and testable with no service around them."""
+"""The methods: pure learners that choose disturbances, testable without services."""
 
 from math import nan
 from typing import Annotated, Any, Protocol, runtime_checkable
@@ -20,7 +20,7 @@ Hold = Annotated[int, Meta(ge=1, le=10_000, description="steps for which a value
 
 @runtime_checkable
 class Budgeted(Protocol):
-    """Settings with a least budget."""
+    """Settings with a minimum budget."""
 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if the budget is too small."""
@@ -28,10 +28,10 @@ class Budgeted(Protocol):
 
 @runtime_checkable
 class Particular(Protocol):
-    """Settings with which a method may make no estimate."""
+    """Settings that may prevent an estimate."""
 
     def no_estimate(self) -> str:
-        """Return why there is no estimate, and what to do; empty if there is one."""
+        """Return the reason for a missing estimate, with a remedy; empty if an estimate exists."""
 
 
 @runtime_checkable
@@ -39,12 +39,12 @@ class Reaching(Protocol):
     """Settings of a method that cannot choose every disturbance."""
 
     def reach(self) -> str:
-        """Return the largest disturbance that the method can choose, and how to go beyond it."""
+        """Return the largest disturbance that the method can choose, and how to exceed it."""
 
 
 @runtime_checkable
 class BurningIn(Protocol):
-    """Settings of a method whose early failures are no samples of what it looks for."""
+    """Settings of a method whose early failures are not samples of its target."""
 
     def first_sample(self, episodes: int) -> int:
         """Return the index of the first episode whose failure is a sample."""
@@ -56,11 +56,11 @@ class Mixing(Protocol):
 
     @staticmethod
     def judge_mixing(campaign: Campaign, state: bytes) -> ChainMixing | None:
-        """Return how far chains have mixed, by a learner's state; None before they start."""
+        """Return how far chains have mixed, from a learner's state; None before chains start."""
 
 
 def find_first_sample(settings: Any, episodes: int) -> int:
-    """Return the index of the first episode whose failure counts; 0 if all do."""
+    """Return the index of the first episode whose failure counts; 0 if all failures count."""
     return settings.first_sample(episodes) if isinstance(settings, BurningIn) else 0
 
 
@@ -71,12 +71,12 @@ def check_budget(settings: Any, episodes: int) -> None:
 
 
 def describe_reach(settings: Any) -> str:
-    """Return the disturbances that a method cannot choose; empty if it can choose all."""
+    """Describe the limits of a method's disturbances; empty if it can choose all disturbances."""
     return settings.reach() if isinstance(settings, Reaching) else ""
 
 
 def robustness_m(result: EpisodeResult) -> float:
-    """Return the robustness: 0 of a failure, NaN if unknown. [m]"""
+    """Return the robustness: 0 for a failure, NaN if unknown. [m]"""
     if result.is_failure:
         return 0.0
     # NaN, not infinity: an episode that could not be run is not safe, and must not rank as if it

@@ -1,4 +1,4 @@
-"""The state of a learner as bytes: raw arrays, facts, a header and a hash, without pickle."""
+"""A learner's state as bytes without pickle: raw arrays, facts, a header and a hash."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -63,10 +63,10 @@ def write(kind: str, facts: msgspec.Struct, arrays: Arrays) -> bytes:
 
 
 def read(kind: str, data: bytes, facts: type[Facts]) -> tuple[Facts, dict[str, Array]]:
-    """Return facts and arrays of a state; the arrays are writable.
+    """Return the facts and the writable arrays of a state.
 
     Raises:
-        ProtocolError: the bytes are not a state of that kind, or are damaged.
+        ProtocolError: the bytes are damaged, or are not a state of this method.
     """
     with wrap_errors(kind):
         archive = _archives.decode(data)
@@ -82,7 +82,7 @@ def read(kind: str, data: bytes, facts: type[Facts]) -> tuple[Facts, dict[str, A
 
 @contextmanager
 def wrap_errors(kind: str) -> Iterator[None]:
-    """Turn exceptions while a state is read into a ProtocolError.
+    """Turn exceptions during the reading of a state into a ProtocolError.
 
     Raises:
         ProtocolError: the block raised an exception.

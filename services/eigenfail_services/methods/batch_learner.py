@@ -1,8 +1,8 @@
-"""Learners whose estimator requests noise in batches.
+"""Learners with an estimator that requests noise in batches.
 
-Such an estimator is a generator, see `statistics.batches`. A learner hands its batches out in
-rounds, in the order in which they were requested. Its state is the robustness of every episode and
-nothing else: the noise follows from that and the seed.
+The estimator is a generator, see `statistics.batches`. The learner proposes its batches in rounds,
+in the order of the requests. The state is only the robustness of every episode: the noise follows
+from the robustness and the seed.
 """
 
 from abc import ABC, abstractmethod
@@ -25,19 +25,19 @@ class BatchSimulation(Protocol):
     """An estimator that requests noise in batches."""
 
     def run(self) -> Requests:
-        """Request noise. To be called once."""
+        """Request noise. Call this once."""
 
 
 S = TypeVar("S", bound=BatchSimulation)
 
 
 class SimulationDriver(Generic[S]):
-    """Drives a simulation: hands out its trajectories in pieces, collects their robustness.
+    """Drives a simulation: proposes its trajectories in parts, and collects their robustness.
 
     Attributes:
         simulation: simulation that requests the trajectories.
-        robustness: robustness of all trajectories so far, in order, NaN of errored episodes. [m]
-        taken: number of trajectories that were taken from the open batches.
+        robustness: robustness of all trajectories so far, in order; NaN for errored episodes. [m]
+        taken: number of trajectories taken from the open batches.
     """
 
     def __init__(self, simulation: S) -> None:
@@ -50,19 +50,19 @@ class SimulationDriver(Generic[S]):
 
     @property
     def is_done(self) -> bool:
-        """Whether the simulation has ended."""
+        """True if the simulation has ended."""
         return not self._batches
 
     @property
     def requested(self) -> int:
-        """Number of trajectories of the open batches, which still lack results."""
+        """Number of trajectories in the open batches, which still lack results."""
         return sum(map(len, self._batches))
 
     def take_trajectories(self, n: int) -> Array:
-        """Return at most n trajectories, (up to n, steps, channels): the next ones of one batch.
+        """Return the next trajectories of one batch, (up to n, steps, channels).
 
         Raises:
-            ValueError: all that were requested were taken, and the simulation waits for them.
+            ValueError: all requested trajectories were taken, and the simulation waits for results.
         """
         before = self.taken
         for batch in self._batches:
@@ -75,7 +75,7 @@ class SimulationDriver(Generic[S]):
         raise ValueError("there is no trajectory to be taken")
 
     def add_robustness(self, robustness: Sequence[float]) -> None:
-        """Add the robustness of the next trajectories, which may complete several batches.
+        """Add the robustness of the next trajectories; this may complete several batches.
 
         Raises:
             ValueError: the simulation has ended.
@@ -96,7 +96,7 @@ MAX_VALUES_PER_ROUND = 5_000_000
 
 
 def limit_round(context: LearnerContext, round_size: int) -> int:
-    """Return the episodes of a round whose noise fits one message, at most `round_size`."""
+    """Return the number of episodes whose noise fits one message, at most `round_size`."""
     return min(round_size, 1 + MAX_VALUES_PER_ROUND // (context.channels * context.horizon))
 
 
@@ -113,24 +113,24 @@ def check_values(method: str, most: int, context: LearnerContext, remedy: str) -
 
 
 class BatchLearner(ABC, Generic[S]):
-    """A learner that hands out the batches of a simulation, at most a round at a time.
+    """A learner that proposes the batches of a simulation, at most a round at a time.
 
     Attributes:
         kind: name of the method in its states.
-        lookahead: 0 while the simulation waits for all that it has requested, else what `parallel`
-            takes; 0 without `parallel`.
+        lookahead: 0 without `parallel`, and while the simulation waits for all its requests;
+            otherwise as many rounds as `parallel` needs.
 
     Args:
         context: context of the campaign.
-        round_size: episodes in a round at most; a round that is too large for one message is
-            smaller.
+        round_size: maximum number of episodes in a round; it is reduced if a round would be too
+            large for one message.
     """
 
     kind: ClassVar[str]
     lookahead = 0
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """State besides robustness: how many episodes of the open batches were proposed."""
+        """State besides robustness: the number of proposed episodes of the open batches."""
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
 
@@ -153,11 +153,11 @@ class BatchLearner(ABC, Generic[S]):
 
     @property
     def _is_spent(self) -> bool:
-        """Whether all episodes of the budget have a result."""
+        """True if all episodes of the budget have a result."""
         return len(self._driver.robustness) >= self._context.episodes
 
     def propose(self, n: int) -> Proposal:
-        """Return the next trajectories of a batch, at most a round; nothing after the end."""
+        """Return the next trajectories of a batch, at most a round; empty after the end."""
         if self._driver.is_done:
             return Proposal(())
         # Rounded as messages and the database keep it, so that a replay has the same noise.
@@ -166,7 +166,7 @@ class BatchLearner(ABC, Generic[S]):
         return Proposal(tuple(map(TrajectorySource, chosen)))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Add the robustness of episodes; a complete batch leads to the next one."""
+        """Add the robustness of episodes; a complete batch triggers the next batch."""
         self._driver.add_robustness([robustness_m(result) for result in results])
         self._look_ahead()
 
@@ -199,6 +199,6 @@ class BatchLearner(ABC, Generic[S]):
         self._look_ahead()
 
     def _look_ahead(self) -> None:
-        """Open no further round while the simulation waits for those that are open."""
+        """Set the lookahead to 0 while the simulation waits for its open rounds."""
         waits = self._driver.taken == self._driver.requested
         self.lookahead = 0 if waits else self._ahead

@@ -1,4 +1,4 @@
-"""The cross-entropy method: noise drawn from a Gaussian that is fitted to the worst episodes."""
+"""The cross-entropy method: draws noise from a Gaussian that is fitted to the worst episodes."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class GaussianProposal(msgspec.Struct, frozen=True, eq=False):
-    """q(z): z_t ~ N(mean_t, diag(std_t²)), every step and channel independent of the others.
+    """q(z): z_t ~ N(mean_t, diag(std_t²)), independent in all steps and channels.
 
     Attributes:
         mean: shape (horizon, channels). [sigma]
@@ -47,28 +47,28 @@ def make_prior(horizon: int, channels: int) -> GaussianProposal:
 def log_weights(trajectories: Sequence[Floats], proposal: GaussianProposal) -> Array:
     """Return log p(z) − log q(z) of trajectories drawn from q, shape (n,).
 
-    Each counts up to its own end. Whether an episode ends at a step depends only on the noise up to
-    that step, so that this is the whole weight, and episodes of different lengths are comparable
-    (Siegmund 1976, Annals of Statistics 4, 673–684).
+    Each trajectory counts up to its end. This is the whole weight, because the end of an episode at
+    a step depends only on the noise up to that step. So episodes of different lengths are
+    comparable (Siegmund 1976, Annals of Statistics 4, 673–684).
 
     Args:
         trajectories: z of each episode, shape (steps, channels), steps no more than the horizon.
             [sigma]
-        proposal: proposal from which they were drawn.
+        proposal: proposal that the noise was drawn from.
     """
     return np.array([_log_weight(z.astype(np.float64), proposal) for z in trajectories])
 
 
 def fit_gaussian(elite: Sequence[Floats], proposal: GaussianProposal) -> tuple[Array, Array]:
-    """Return mean and standard deviation of an elite, each of shape (horizon, channels). [sigma]
+    """Return mean and standard deviation of an elite, both of shape (horizon, channels). [sigma]
 
-    Behind its end, an episode counts as a draw from the prior, as noise there would not have
-    mattered. The variance of the episodes that still run has Bessel's correction, as small elites
-    would narrow it in each round. If only one still runs, the proposal's variance is kept.
+    After its end, an episode counts as a draw from the prior, as later noise would not have
+    mattered. The variance of the running episodes has Bessel's correction; otherwise small elites
+    would narrow it in each round. If only one episode still runs, the proposal's variance is kept.
 
     Args:
         elite: z of each episode, shape (steps, channels); at least one.
-        proposal: proposal from which they were drawn.
+        proposal: proposal that the noise was drawn from.
     """
     z, running = _pad(elite, proposal.mean.shape)
     count = running.sum(axis=0)
@@ -100,7 +100,7 @@ def _log_weight(z: Array, proposal: GaussianProposal) -> float:
 
 
 def _pad(elite: Sequence[Floats], shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
-    """Return z with zeros behind each end, (n, *shape), and a mask of the steps that ran.
+    """Return z with zeros after each end, (n, *shape), and a mask of the steps that ran.
 
     The shape is (horizon, channels).
     """
@@ -114,17 +114,17 @@ def _pad(elite: Sequence[Floats], shape: tuple[int, ...]) -> tuple[Array, NDArra
 def select_elite(
     results: Sequence[EpisodeResult], proposal: GaussianProposal, share: float
 ) -> list[Floats]:
-    """Return the noise of the elite of a round; empty if the round has no information.
+    """Return the noise of a round's elite; empty if the round is uninformative.
 
-    With fewer failures than the elite, it consists of the least robust episodes; otherwise of the
-    failures with the largest log p(z) − log q(z). By log p(z) alone, the smallest noise would be
-    selected even in directions that do not matter, and the proposal would become narrower than the
-    failures are. Episodes equal to the last of the elite belong to it, and an elite of all episodes
-    has no information.
+    If there are fewer failures than elite places, the elite are the least robust episodes.
+    Otherwise they are the failures with the largest log p(z) − log q(z). With log p(z) alone, the
+    smallest noise would be selected even in directions that do not matter, and the proposal would
+    become narrower than the failures are. Episodes that tie with the last of the elite belong to
+    it. An elite of all episodes is uninformative.
 
     Args:
-        results: results of one round; episodes that could not be run are ignored.
-        proposal: proposal from which their noise was drawn.
+        results: results of one round; errored episodes are ignored.
+        proposal: proposal that their noise was drawn from.
         share: share of the elite among the episodes that ran; at least one episode.
     """
     ran = [result for result in results if isfinite(robustness_m(result))]
@@ -141,7 +141,7 @@ def select_elite(
 
 
 def _lowest(noise: Sequence[Floats], scores: Array, count: int) -> list[Floats]:
-    """Return the noise with the `count` lowest scores, and with scores equal to the last one."""
+    """Return the noise with the `count` lowest scores, and with scores that tie with the last."""
     if not noise:
         return []
     # Ties are kept together: to cut among equals would be to choose by the order of the draws.
@@ -156,10 +156,10 @@ ADVICE = (
 
 
 class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of `cem`. It starts from the prior: mean 0, standard deviation 1 [sigma].
+    """Settings of `cem`, which starts from the prior: mean 0, standard deviation 1 [sigma].
 
-    With some hundred episodes, many small rounds find more than few large ones. If the standard
-    deviation may fall to sqrt(1/2), importance weights have no finite variance.
+    With some hundred episodes, many small rounds find more failures than few large rounds. If the
+    standard deviation may fall to sqrt(1/2), the variance of importance weights is infinite.
     """
 
     batch: Annotated[int, Meta(ge=2, le=100_000, description="episodes in a round")] = 20
@@ -182,11 +182,11 @@ class CemSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class CrossEntropyMethod:
-    """Moves a Gaussian of the noise towards failures, and among failures towards likely ones.
+    """Moves a Gaussian of the noise towards failures, and towards likely failures among them.
 
     Attributes:
         lookahead: 0, as each round depends on all earlier ones.
-        proposal: proposal from which the next round is drawn; see `log_weights`.
+        proposal: proposal for the next round; see `log_weights`.
     """
 
     Settings = CemSettings
@@ -234,14 +234,15 @@ class CrossEntropyMethod:
     def _count(self, results: Sequence[EpisodeResult]) -> None:
         """Weight the episodes of the second half of the budget.
 
-        The few heavy weights of early rounds would dominate the sum.
+        The first half is left out, because the few heavy weights of early rounds would dominate the
+        sum.
         """
         if self._seen >= self._budget // 2:
             self._sums = self.weigh(self._sums, results)
         self._seen += len(results)
 
     def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
-        """Return the sums with episodes that were drawn from the present proposal."""
+        """Return the sums with episodes of the present proposal added."""
         ran = [result for result in results if result.outcome is not Outcome.ERRORED]
         failures = [result.noise.z for result in ran if result.is_failure]
         return sums.after(log_weights(failures, self.proposal), len(ran))
@@ -265,10 +266,10 @@ class CrossEntropyMethod:
         return archive.write("cem", self._Facts(self._rounds), arrays)
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which learning goes on bit for bit.
+        """Restore a state, so that learning continues bit for bit.
 
         Raises:
-            ProtocolError: the bytes are not a state of this method with this horizon.
+            ProtocolError: the bytes do not fit this method and this horizon.
         """
         facts, arrays = archive.read("cem", state, self._Facts)
         shape = self.proposal.mean.shape
@@ -280,9 +281,9 @@ class CrossEntropyMethod:
         self.proposal = GaussianProposal(mean, std)
 
     def _move_towards(self, mean: archive.Array, std: archive.Array) -> GaussianProposal:
-        """Return the proposal after a step to mean and standard deviation of the elite.
+        """Return the proposal after a step towards the mean and standard deviation of the elite.
 
-        The change of the mean is averaged over steps; averaging the mean would flatten it.
+        The change of the mean is averaged over steps. Averaging the mean itself would flatten it.
         """
         given, before = self._settings, self.proposal
         move = average_over_steps(mean - before.mean, given.mean_window)

@@ -1,4 +1,4 @@
-"""CMA-ES over noise that is held: the black-box search with which others are compared first."""
+"""CMA-ES over held noise: the standard black-box search for comparisons."""
 
 from collections.abc import Sequence
 from math import ceil, inf, isfinite
@@ -28,8 +28,8 @@ MAX_COVARIANCE_NUMBERS = 1_000_000
 class CmaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `cma`.
 
-    A first generation has a variance of 1 over all runs, like held noise. More runs find more
-    regions, and fewer give each run more generations, after which its failures are likelier.
+    First generations have a variance of 1 over all runs, like held noise. More runs find more
+    regions. Fewer runs have more generations each, and then find likelier failures.
     """
 
     hold: Hold = 10
@@ -69,11 +69,11 @@ class CmaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class Score(msgspec.Struct, frozen=True, order=True):
-    """The ranks of candidates: robustness, then likelihood; the smallest is the best.
+    """Score of a candidate: robustness, then likelihood; the smallest score is the best.
 
     Attributes:
-        robustness_m: 0 of a failure, infinite of an episode that could not be run. [m]
-        squares: sum of z² over the steps of the episode, -2 log p but for a constant.
+        robustness_m: 0 for a failure, infinite for an errored episode. [m]
+        squares: sum of z² over the steps of the episode, which is -2 log p up to a constant.
     """
 
     robustness_m: float
@@ -81,7 +81,7 @@ class Score(msgspec.Struct, frozen=True, order=True):
 
 
 def score_episode(result: EpisodeResult) -> Score:
-    """Return the score of an episode, whose noise counts up to its end as injected."""
+    """Return the score of an episode; its noise counts as injected, up to its end."""
     robustness = robustness_m(result)
     if not isfinite(robustness):
         return Score(inf, inf)
@@ -90,10 +90,10 @@ def score_episode(result: EpisodeResult) -> Score:
 
 
 def level_failures(scores: list[Score], share: float) -> list[Score]:
-    """Return scores in which failures rank equal, if a smaller share than this one failed.
+    """Return scores that rank failures equal if less than a share of the candidates failed.
 
-    The likeliest failures lie on the border of their region, and a generation around them fails
-    half of the time. Ranked equal, failures pull the mean to their middle, away from the border.
+    The likeliest failures lie on the border of their region, and only half of a generation around
+    them fails. If failures rank equal, they pull the mean to their middle, away from the border.
     """
     if sum(score.robustness_m == 0.0 for score in scores) >= share * len(scores):
         return scores
@@ -101,14 +101,14 @@ def level_failures(scores: list[Score], share: float) -> list[Score]:
 
 
 class EvolutionRun:
-    """A run: the distribution and the scores of its present generation, started anew at an end.
+    """A run: distribution and scores of its present generation; it restarts when it converges.
 
-    Its random draws follow from the seed, its number and the number of its draw alone.
+    Its random draws depend only on the seed, the number of the run and the number of the draw.
 
     Attributes:
         distribution: distribution of the present generation.
         draw: number of the draw of the present generation, over all starts.
-        proposed: number of candidates of the present generation that were taken.
+        proposed: number of taken candidates of the present generation.
         scores: scores of the first candidates of the present generation.
     """
 
@@ -130,7 +130,7 @@ class EvolutionRun:
         return taken
 
     def add(self, scores: Sequence[Score]) -> None:
-        """Add the scores of the next candidates; the last one of a generation ends it."""
+        """Add the scores of the next candidates, and adapt after a generation's last one."""
         self.scores += scores
         if len(self.scores) == self._settings.population:
             self._finish_generation()
@@ -138,7 +138,7 @@ class EvolutionRun:
     def restore(
         self, distribution: SearchDistribution, draw: int, proposed: int, scores: list[Score]
     ) -> None:
-        """Go on from a distribution, a draw and the scores so far."""
+        """Continue from a distribution, a draw and the scores so far."""
         self.distribution, self.draw = distribution, draw
         self.proposed, self.scores = proposed, scores
         self._candidates = self._draw_candidates()
@@ -179,23 +179,23 @@ START, GENERATION = 1, 2
 
 
 class CovarianceAdaptation:
-    """Ranks episodes by robustness and failures by likelihood; adapts normal distributions to them.
+    """Adapts normal distributions to episodes, ranked by robustness and failures by likelihood.
 
-    A candidate has a value of each channel for every `hold` steps. Several runs take turns, a
-    generation each, so that several regions are found and workers need not wait: no run depends
-    on the results of another.
+    A candidate has one value per channel for each period of `hold` steps. Several runs take turns,
+    with a generation each. So several regions are found, and workers do not wait, because runs are
+    independent.
 
     Attributes:
         lookahead: one less than the number of runs.
 
     Raises:
-        InvalidValue: the values are too many for a covariance matrix of each run.
+        InvalidValue: there are too many values for a covariance matrix per run.
     """
 
     Settings = CmaSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Numbers of rounds that were proposed and observed."""
+        """Numbers of proposed and observed rounds."""
 
         proposed: int
         observed: int
@@ -233,7 +233,7 @@ class CovarianceAdaptation:
         return np.repeat(knots, self._settings.hold, axis=0)[: self._horizon]
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Give the scores of a round to its run."""
+        """Add the scores of a round to its run."""
         # Rounds are observed in the order in which they were proposed: the turn says whose they
         # are.
         run = self._runs[self._facts.observed % len(self._runs)]
@@ -263,7 +263,7 @@ class CovarianceAdaptation:
         return archive.write("cma", self._facts, arrays)
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which learning goes on bit for bit.
+        """Restore a state, so that learning continues bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.

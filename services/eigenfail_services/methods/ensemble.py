@@ -1,6 +1,6 @@
-"""An ensemble: several learners of one method, from several seeds, in one campaign.
+"""An ensemble: several learners of one method with different seeds, in one campaign.
 
-One learner tends to stay in the first failure mode that it finds; other seeds find other modes.
+One learner tends to stay in the first failure mode that it finds. Other seeds find other modes.
 """
 
 from collections import deque
@@ -45,8 +45,8 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         """Check the settings of the members.
 
         Raises:
-            UnknownName: no such method, or it has no such setting.
-            InvalidValue: a setting outside its bounds, or members that cannot be judged.
+            UnknownName: the method or the setting does not exist.
+            InvalidValue: a setting is out of bounds, or the members cannot be judged.
         """
         if self.method not in plugins.names(plugins.METHODS):
             raise UnknownName("settings.method", self.method, plugins.names(plugins.METHODS))
@@ -79,10 +79,10 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             check_budget(settings, share)
 
     def divide_training(self, episodes: int) -> list[int]:
-        """Return the number of episodes from which each member learns.
+        """Return the number of training episodes of each member.
 
         Raises:
-            InvalidValue: a member would have none.
+            InvalidValue: a member would remain without episodes.
         """
         if self.judged >= episodes:
             raise InvalidValue(
@@ -116,7 +116,7 @@ def divide_episodes(episodes: int, members: int) -> list[int]:
 def make_member(
     context: LearnerContext, settings: EnsembleSettings, number: int, share: int
 ) -> Learner:
-    """Return a new learner with its own seed and its share of the episodes."""
+    """Return a new learner with its seed and its share of the episodes."""
     method = plugins.load(plugins.METHODS, settings.method)
     seed = make_member_seed(context.seed, number)
     own = msgspec.structs.replace(context, seed=seed, episodes=share)
@@ -125,7 +125,7 @@ def make_member(
 
 
 def make_member_seed(seed: int, number: int) -> int:
-    """Return the seed of a member, from the seed of the ensemble and the number of the member."""
+    """Return the seed of a member, from the ensemble's seed and the member's number."""
     # A spawned seed: with seed + number, members of neighbouring campaigns would be the same.
     sequence = np.random.SeedSequence([seed], spawn_key=(1, number))
     return int(sequence.generate_state(1, np.uint64)[0]) & MAX_SEED
@@ -138,13 +138,13 @@ _policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_a
 
 
 class JudgingRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The results of a member in the episodes that judged it.
+    """The results of a member in its judging episodes.
 
     Attributes:
-        episodes: number of these episodes.
-        failures: number of those that failed.
+        episodes: number of judging episodes.
+        failures: number of failed episodes.
         log_p: sum of log p(x) over the steps of the failures.
-        steps: number of these steps.
+        steps: number of steps of the failures.
     """
 
     episodes: int = 0
@@ -153,7 +153,7 @@ class JudgingRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     steps: int = 0
 
     def with_results(self, results: Sequence[EpisodeResult]) -> "JudgingRecord":
-        """Return the record with further episodes."""
+        """Return the record with the results of further episodes."""
         failed = [result for result in results if result.is_failure]
         return JudgingRecord(
             self.episodes + len(results),
@@ -163,31 +163,31 @@ class JudgingRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def rank(self) -> tuple[float, float]:
-        """Return what a better member has more of: share of failures, then log p of a step."""
+        """Return the rank, larger for better members: share of failures, then log p per step."""
         if not self.failures:
             return 0.0, 0.0
         return self.failures / self.episodes, self.log_p / self.steps
 
 
 class Ensemble:
-    """Members take turns with rounds; each round is observed by the member that proposed it.
+    """Members take turns with rounds; the proposing member observes its round.
 
-    Each member has an even share of the campaign's episodes as its budget; a member that proposes
+    Each member has an even share of the campaign's episodes as its budget. A member that proposes
     nothing is skipped from then on. Members share trajectories, predecessors and experience.
 
-    The last `judged` episodes are those of members that have learnt and learn no more. The member
-    with the most failures in them is the one that is used from then on; the likelier failures
-    decide between members with equally many. A campaign that was stopped before all of them were
-    judged uses them in turn.
+    In the last `judged` episodes, members are judged after their learning has ended. From then on,
+    the ensemble uses the member with the most failures in its judging episodes. If members have
+    equally many failures, the likelier failures decide. A campaign that was stopped before all
+    members were judged uses the members in turn.
 
-    Policies are numbered by round, so that a version is unique among members, and workers keep the
-    newest ones, which have the highest numbers.
+    Policies are numbered by round, so that a version is unique among members. Workers keep the
+    newest policies, which have the highest numbers.
 
     Attributes:
-        lookahead: least one of the members, for all of them together: so no member has more open
-            rounds than it allows, even if others are skipped.
-        exploit: rounds from the member that was judged best, or from one member after the other;
-            only if all members can exploit.
+        lookahead: smallest lookahead of the members, for all members together. So no member has
+            more open rounds than it allows, even if others are skipped.
+        exploit: rounds from the best member, or from the members in turn; it exists only if all
+            members can exploit.
 
     Raises:
         InvalidValue: fewer episodes than members.
@@ -197,15 +197,16 @@ class Ensemble:
     traits = MethodTraits(has_members=True, chart_mark=7, references={})
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """State: member in turn, number of the next round, and the states of the members.
+        """State: the member in turn, the number of the next round, and the members' states.
 
         Attributes:
             waiting: members with open rounds, in the order of the rounds.
-            left: number of episodes that each member may still propose.
+            left: number of episodes left for each member.
             policies: newest policy of each member.
-            unjudged: number of episodes in which each member is still to be judged.
-            judging: number of open rounds of such episodes; they are the last of those waiting.
-            records: what each member did in such episodes.
+            unjudged: number of judging episodes left for each member.
+            judging: number of open rounds with judging episodes; they are the last entries of
+                `waiting`.
+            records: judging record of each member.
         """
 
         turn: Annotated[int, Meta(ge=0)]
@@ -236,7 +237,7 @@ class Ensemble:
             self.exploit = self._exploit
 
     def propose(self, n: int) -> Proposal:
-        """Return a round of the next member that has one; in the end, rounds that judge them."""
+        """Return a round of the next active member; after the learning, judging rounds."""
         # All members learn to their end before the first is judged.
         for propose in (self._propose_from, self._judge):
             for _ in self._members:
@@ -247,7 +248,7 @@ class Ensemble:
         return Proposal(())
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Let the member that proposed the round learn from it, or be judged by it."""
+        """Pass a round to the member that proposed it, which learns or is judged."""
         # Rounds that judge are opened last, so that they are the last of those that wait.
         is_judged = len(self._waiting) == self._judging
         one = self._waiting.popleft()
@@ -259,20 +260,20 @@ class Ensemble:
         self._look_ahead()
 
     def estimate(self) -> Estimate | None:
-        """Return the pooled estimate of the members; None unless each has one."""
+        """Return the pooled estimate of the members; None unless each member has an estimate."""
         found = [one.estimate() for one in self._members if isinstance(one, Estimator)]
         estimates = [estimate for estimate in found if estimate is not None]
         return pool_estimates(estimates) if len(estimates) == len(self._members) else None
 
     @property
     def trained_episodes(self) -> int | None:
-        """Number of episodes that all members were trained with; None if one does not report it."""
+        """Number of training episodes of all members; None if a member does not report it."""
         counts = [one.trained_episodes for one in self._members if isinstance(one, Trained)]
         known = [count for count in counts if count is not None]
         return sum(known) if len(known) == len(self._members) else None
 
     def state(self) -> bytes:
-        """Return the states of all members, and the state of the turns."""
+        """Return the states of all members and of the turns."""
         facts = self._Facts(
             turn=self._turn,
             number=self._number,
@@ -287,10 +288,10 @@ class Ensemble:
         return archive.write("ensemble", facts, {})
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which learning goes on bit for bit.
+        """Restore a state, so that learning continues bit for bit.
 
         Raises:
-            ProtocolError: the bytes are not a state of this method with these settings.
+            ProtocolError: the bytes do not fit this method and its settings.
         """
         facts, _ = archive.read("ensemble", state, self._Facts)
         count = len(self._members)
@@ -309,9 +310,9 @@ class Ensemble:
         self._look_ahead()
 
     def _look_ahead(self) -> None:
-        """Open as many rounds as each of the members that go on allows.
+        """Open as many rounds as every active member allows.
 
-        Members are judged when they have observed all of their rounds, and then side by side.
+        Members are judged after they have observed all their rounds, and then in parallel.
         """
         going = [one for one, left in zip(self._members, self._left, strict=True) if left]
         if going or not any(self._unjudged):
@@ -320,7 +321,7 @@ class Ensemble:
             self.lookahead = len(self._members) if len(self._waiting) == self._judging else 0
 
     def _judge(self, one: int, n: int) -> Proposal:
-        """Return episodes of a member that learns no more; none if it has been judged."""
+        """Return judging episodes of a member; empty if it has been judged."""
         count = min(n, self._unjudged[one])
         if not count:
             return Proposal(())
@@ -330,7 +331,7 @@ class Ensemble:
         return self._number_policy(one, self._exploiters[one].exploit(count))
 
     def _propose_from(self, one: int, n: int) -> Proposal:
-        """Return the proposal of a member, which is skipped from then on if it is empty."""
+        """Return the proposal of a member; if it is empty, the member is skipped from then on."""
         most = min(n, self._left[one])
         proposal = self._members[one].propose(most) if most else Proposal(())
         if not proposal.sources:
@@ -341,7 +342,7 @@ class Ensemble:
         return self._number_policy(one, proposal)
 
     def _exploit(self, n: int) -> Proposal:
-        """Return n episodes of the best member, or of the next one where not all were judged."""
+        """Return n episodes of the best member; of the next member if some are still unjudged."""
         if all(record.episodes for record in self._records) and not any(self._unjudged):
             one = max(range(len(self._records)), key=lambda one: self._records[one].rank())
         else:
@@ -354,7 +355,7 @@ class Ensemble:
         return one
 
     def _number_policy(self, one: int, proposal: Proposal) -> Proposal:
-        """Return a member's proposal whose policy, and all sources of it, have a new version."""
+        """Return a member's proposal with a new version for its policy and all its sources."""
         # A member may send no policy with a round, but each round needs a version of its own.
         policy = proposal.policy or self._policies[one]
         self._policies = (*self._policies[:one], policy, *self._policies[one + 1 :])

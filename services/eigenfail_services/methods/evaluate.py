@@ -1,4 +1,4 @@
-"""Evaluate: use what an earlier campaign has learnt, in any scenario, without learning more."""
+"""Evaluate: use the learner of an earlier campaign in any scenario, without more learning."""
 
 from collections.abc import Callable, Sequence
 from typing import Annotated, Protocol, runtime_checkable
@@ -19,13 +19,13 @@ from eigenfail_services.statistics.importance import WeightedFailures
 
 @runtime_checkable
 class Weigher(Protocol):
-    """An exploiter whose draws have a known density q, from which P(failure) is estimated."""
+    """An exploiter whose draws have a known density q, so that P(failure) can be estimated."""
 
     def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
-        """Return the sums with episodes of `exploit`, weighted by its present density."""
+        """Return the sums with episodes of `exploit` added, weighted by its present density."""
 
     def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
-        """Return the estimate from some sums; None if there is none.
+        """Return the estimate from given sums; None if it does not exist.
 
         Args:
             sums: sums of all weighted episodes.
@@ -41,19 +41,19 @@ class EvaluateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class Evaluate:
-    """Proposes exploiting episodes of the learner of an earlier campaign, within the budget.
+    """Proposes exploiting episodes of an earlier campaign's learner, within the budget.
 
-    The earlier learner is made with this campaign's seed, and restored from its last state. So two
-    evaluations of one campaign differ only by their seeds, and with one seed their noise in two
-    scenarios differs only as far as the scenarios do.
+    The earlier learner is created with this campaign's seed and restored from its last state. So
+    two evaluations of one campaign differ only by their seeds. With the same seed, their noise in
+    two scenarios differs only as far as the scenarios differ.
 
     Args:
-        context: its predecessor is evaluated.
-        settings: name the campaign of the predecessor.
+        context: context with the predecessor to evaluate.
+        settings: settings with the predecessor's campaign.
 
     Raises:
-        InvalidValue: there is no predecessor, or its learner cannot exploit.
-        ProtocolError: its state is not one of its method.
+        InvalidValue: the predecessor is missing, or its learner cannot exploit.
+        ProtocolError: the predecessor's state does not fit its method.
 
     Attributes:
         lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
@@ -62,7 +62,7 @@ class Evaluate:
     Settings = EvaluateSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """State: number of proposed episodes, state of the earlier learner, and sums."""
+        """State: the number of proposed episodes, the earlier learner's state, and sums."""
 
         proposed: Annotated[int, Meta(ge=0)]
         learner: bytes
@@ -93,7 +93,7 @@ class Evaluate:
         """Return a round of exploiting episodes.
 
         Raises:
-            InvalidValue: its noise trajectories have another length than the episodes.
+            InvalidValue: the learner's noise trajectories differ in length from the episodes.
         """
         proposal = self._exploit(min(n, self._round_size))
         for source in proposal.sources:
@@ -111,7 +111,7 @@ class Evaluate:
         return proposal
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Add the weights of episodes whose density is known; nothing is learnt."""
+        """Add the weights of episodes if their density is known; do not learn."""
         if isinstance(self._learner, Weigher):
             self._sums = self._learner.weigh(self._sums, results)
 
@@ -130,10 +130,10 @@ class Evaluate:
         return archive.write("evaluate", facts, {})
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which learning goes on bit for bit.
+        """Restore a state, so that learning continues bit for bit.
 
         Raises:
-            ProtocolError: the bytes are not a state of this method with this predecessor.
+            ProtocolError: the bytes do not fit this method and this predecessor.
         """
         facts, _ = archive.read("evaluate", state, self._Facts)
         # The earlier learner counts its draws: without that a resumed campaign would repeat noise.
@@ -146,7 +146,7 @@ def restore_learner(context: LearnerContext, campaign: int) -> contracts.Learner
 
     Raises:
         InvalidValue: the context does not hold the campaign.
-        ProtocolError: its state is not a state of its method.
+        ProtocolError: the campaign's state does not fit its method.
     """
     before = _find_predecessor(context, campaign)
     method = plugins.load(plugins.METHODS, before.method)

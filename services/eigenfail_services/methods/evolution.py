@@ -1,8 +1,8 @@
-"""CMA-ES: the evolution strategy that adapts the covariance matrix of a normal distribution.
+"""CMA-ES: an evolution strategy that adapts the covariance matrix of a normal distribution.
 
-Numbers of equations are those of Hansen 2016, "The CMA Evolution Strategy: A Tutorial"
-(arXiv 1604.00772). The libraries `cma` and `cmaes` are restored from pickled objects only, the
-first also imports matplotlib; here the whole state is one value of arrays.
+Equation numbers refer to Hansen 2016, "The CMA Evolution Strategy: A Tutorial" (arXiv 1604.00772).
+The libraries `cma` and `cmaes` can be restored only from pickled objects, and `cma` imports
+matplotlib. Here the whole state is one value of arrays.
 """
 
 from math import exp, sqrt
@@ -18,7 +18,7 @@ MAX_CONDITION = 1e14
 
 
 class EvolutionRates(msgspec.Struct, frozen=True, eq=False):
-    """Weights and learning rates, which follow from dimension and population size.
+    """Weights and learning rates, for a dimension and a population size.
 
     Attributes:
         weights: w_i by rank, best first, shape (population,); below 0 from the middle rank on.
@@ -28,7 +28,7 @@ class EvolutionRates(msgspec.Struct, frozen=True, eq=False):
         c_c: rate of the path that adapts the covariance.
         c_1: rate of the covariance's rank-one update.
         c_mu: rate of the covariance's rank-mu update.
-        chi: expectation of the length of a standard normal vector.
+        chi: expected length of a standard normal vector.
     """
 
     weights: Array
@@ -45,8 +45,9 @@ def choose_rates(dimension: int, population: int) -> EvolutionRates:
     """Return the default weights and learning rates (table 1, eqs. 49 to 58).
 
     Args:
-        dimension: numbers of a candidate.
-        population: candidates of a generation, 4 or more: one parent would leave c_mu at 0.
+        dimension: number of values of a candidate.
+        population: number of candidates of a generation, at least 4: with a single parent c_mu
+            would be 0.
     """
     n = dimension
     raw = np.log((population + 1) / 2.0) - np.log(np.arange(1, population + 1))  # (49)
@@ -77,7 +78,7 @@ def choose_rates(dimension: int, population: int) -> EvolutionRates:
 
 
 class SearchDistribution(msgspec.Struct, frozen=True, eq=False):
-    """N(mean, step² · covariance) of a generation, and the evolution paths.
+    """Distribution N(mean, step² · covariance) of a generation, and the evolution paths.
 
     Attributes:
         mean: shape (dimension,).

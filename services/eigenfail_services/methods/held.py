@@ -1,7 +1,7 @@
-"""Random noise that is held for some steps: what every search must be compared with.
+"""Random noise that is held for some steps: the reference for every search.
 
-Independent noise of each step averages out in the motion of a vehicle; noise that keeps its value
-for a second does not. This search needs no learner, and therefore shows what a learner adds.
+Independent noise at each step averages out in the motion of a vehicle. Noise that keeps its value
+for a second does not. This search works without a learner, and so shows the benefit of a learner.
 """
 
 from collections.abc import Sequence
@@ -30,18 +30,18 @@ class HeldNoiseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
 
 class HeldNoise:
-    """Draws each value of z from N(0, scale²), and holds it for some steps; it learns nothing.
+    """Draws each value of z from N(0, scale²) and holds it for some steps, without learning.
 
-    Each channel of each episode has a phase of its own, so that a change may come at any step.
+    Each channel of each episode has its own random phase, so a change may occur at any step.
 
     Attributes:
-        lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
+        lookahead: 3, or as many rounds as `parallel` needs: no worker waits for the end of a round.
     """
 
     Settings = HeldNoiseSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """Number of rounds that were proposed."""
+        """Number of proposed rounds."""
 
         rounds: int
 
@@ -65,7 +65,7 @@ class HeldNoise:
         self.lookahead = count_rounds_ahead(context.parallel, settings.round_size, self.lookahead)
 
     def propose(self, n: int) -> Proposal:
-        """Return a round of held noise, which depends on the seed and the number of the round."""
+        """Return a round of held noise, which depends on the seed and the round's number."""
         random = np.random.default_rng([self._seed, self._rounds])
         # The number of the round seeds its draws: a state needs no generator.
         self._rounds += 1

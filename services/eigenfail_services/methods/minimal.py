@@ -1,4 +1,4 @@
-"""Minimal failures: replays of a failure with less and less of its noise."""
+"""Minimal failures: replays of a failure with less and less noise."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -34,10 +34,10 @@ class MinimalFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """State of a search besides its noise.
 
     Attributes:
-        ends: ends of the candidates of this phase that were tried.
+        ends: ends of the tried candidates of this phase.
         tried: number of replays before this phase.
-        best: number of the replay in which the noise failed, which is the index of its episode in
-            the campaign; None before the first one.
+        best: number of the replay that failed with this noise, equal to its episode's index in the
+            campaign; None before the first failure.
     """
 
     phase: minimal_search.SearchPhase
@@ -58,8 +58,8 @@ class Minimal:
     The search is deterministic, without random draws.
 
     Args:
-        context: its only trajectory is the failure.
-        settings: name the source of the failure.
+        context: context whose only trajectory is the failure.
+        settings: settings with the source of the failure.
 
     Raises:
         InvalidValue: there is not exactly one trajectory.
@@ -95,7 +95,7 @@ class Minimal:
         self._ends: tuple[int, ...] = ()
 
     def propose(self, n: int) -> Proposal:
-        """Return the next candidates of this phase; none after the end of the search."""
+        """Return the next candidates of this phase; empty after the end of the search."""
         first = len(self._ends)
         tried = minimal_search.list_candidates(self._search)[
             first : first + min(n, self._round_size)
@@ -103,7 +103,7 @@ class Minimal:
         return Proposal(tuple(structs.replace(self._failure, z=z) for z in tried))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Add the ends of candidates; after the last one of a phase, go on to the next.
+        """Add the ends of candidates; after a phase's last candidate, go on to the next phase.
 
         Raises:
             LearnerFailed: the failure does not reproduce at full strength.
@@ -125,7 +125,7 @@ class Minimal:
         return archive.write("minimal", MinimalFacts(**facts, ends=self._ends), {"z": z})
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which learning goes on bit for bit.
+        """Restore a state, so that learning continues bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.
@@ -149,7 +149,7 @@ def _refuse_safe_replay(result: EpisodeResult) -> None:
     """Refuse a failure that does not reproduce.
 
     Raises:
-        LearnerFailed: its replay ended without a collision.
+        LearnerFailed: the replay did not fail.
     """
     if result.outcome is not Outcome.SAFE:
         return
@@ -162,7 +162,7 @@ def _refuse_safe_replay(result: EpisodeResult) -> None:
 
 
 def read_state(state: bytes) -> tuple[MinimalFacts, Floats]:
-    """Return the facts in a state of this method, and its noise of shape (steps, channels).
+    """Return the facts of a state of this method, and its noise, shape (steps, channels).
 
     Raises:
         ProtocolError: the bytes are not a state of this method.

@@ -1,9 +1,9 @@
-"""The search for a minimal failure in phases, as pure values without episodes.
+"""Search for a minimal failure in phases, as pure values without episodes.
 
 Delta debugging (Zeller and Hildebrandt 2002, IEEE Trans. Softw. Eng. 28, 183-200) over blocks of
-steps and channels: keep one block alone, remove one block, halve the blocks. As many replays can
-run at the same time, all candidates of a phase are tried together, and blocks that can be removed
-one by one are then removed in unions. The rest is weakened by bisection, and searched once more.
+steps and channels: keep one block alone, remove one block, halve the blocks. Many replays can run
+at the same time, so all candidates of a phase are tried together. Blocks that can be removed one by
+one are then removed in unions. The rest is weakened by bisection and searched once more.
 
 Noise is z of shape (steps, channels), and a block is a mask of that shape.
 """
@@ -29,7 +29,7 @@ def make_blocks(z: Floats, width: int) -> list[Mask]:
     """Return the blocks with noise: `width` steps of one channel, counted back from the last step.
 
     Returns:
-        blocks by channel, then from the last to the first.
+        Blocks by channel, from the last block to the first.
     """
     steps, channels = z.shape
     found = []
@@ -52,7 +52,7 @@ def keep_block(z: Floats, mask: Mask) -> Floats:
 
 
 def compute_energy(z: Floats) -> float:
-    """Sum of squares: for white normal noise -2 log p(z) up to a constant. [sigma²]"""
+    """Return the sum of squares: for white normal noise, -2 log p(z) up to a constant. [sigma²]"""
     return float(np.sum(np.square(z, dtype=np.float64)))
 
 
@@ -93,7 +93,7 @@ NOT_RUN = -1
 
 
 class SearchPhase(StrEnum):
-    """Phase of the search, by the candidates that are tried."""
+    """Phase of the search, named after its candidates."""
 
     FULL = "full"
     ALONE = "alone"
@@ -110,14 +110,15 @@ class Search(msgspec.Struct, frozen=True, eq=False):
         phase: the kind of reduction that is tried next.
         z: noise that is known to fail, shape (steps, channels). [sigma]
         width: number of steps of a block.
-        removable: in the phase `TOGETHER`, numbers of the blocks that can be removed one by one.
-        low: index in `SCALES` of the largest scale of z known to be safe.
-        high: index in `SCALES` of the smallest scale of z known to fail.
+        removable: in the phase `TOGETHER`, the numbers of the blocks that can be removed one by
+            one.
+        low: in the phase `SCALES`, the largest scale of z known to be safe.
+        high: in the phase `SCALES`, the smallest scale of z known to fail.
         scaled: whether z is as weak as possible.
-        not_run: number of replays that could not be run, in the last phase with single steps.
+        not_run: number of errored replays, in the last phase with single steps.
         tried: number of replays before this phase.
-        best: number of the replay in which z failed, in `SCALES` at `high`, counted from 0; None
-            before the failure was replayed.
+        best: number of the replay that failed with z, in the phase `SCALES` with z at scale `high`,
+            counted from 0; None before the failure was replayed.
     """
 
     phase: SearchPhase
@@ -133,7 +134,7 @@ class Search(msgspec.Struct, frozen=True, eq=False):
 
 
 class FailingNoise(NamedTuple):
-    """Noise that failed, up to the end of its episode, and the number of its replay."""
+    """Failing noise up to the end of its episode, and the number of its replay."""
 
     z: Floats
     replay: int
@@ -153,7 +154,7 @@ def advance(search: Search, ends: Sequence[int]) -> Search:
     """Return the search after a complete phase.
 
     Args:
-        search: before it.
+        search: search before the phase.
         ends: step after which each candidate failed, or `SAFE`, or `NOT_RUN`; the failure itself,
             at full strength, must have failed.
     """
@@ -162,7 +163,7 @@ def advance(search: Search, ends: Sequence[int]) -> Search:
 
 
 def _list_scales(search: Search) -> list[float]:
-    """Return seven equidistant scales between the safe and the failing one."""
+    """Return seven equidistant scales between the safe and the failing scale."""
     step = (search.high - search.low) / PARTS
     return [search.low + step * part for part in range(1, PARTS)]
 
@@ -230,7 +231,7 @@ def _advance_left_out(search: Search, ends: Sequence[int]) -> Search:
 
 
 def _start_finer(search: Search) -> Search:
-    """Start with smaller blocks; after single steps with scales; after those end the search."""
+    """Start smaller blocks; after single steps start scales; after scales end the search."""
     if search.width > 1:
         return _start_width(search, -(-search.width // 2))
     if search.scaled:

@@ -1,4 +1,4 @@
-"""Mixture sampling: importance sampling from normals around every failure region that was found."""
+"""Mixture sampling: importance sampling from normals around every known failure region."""
 
 from math import inf, log10
 from typing import Annotated
@@ -56,7 +56,7 @@ class MixtureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class MixtureMethod(BatchLearner[mixture_sampling.MixtureSampling]):
-    """Finds failure regions with wider noise, fits a mixture to them, and draws from it.
+    """Finds failure regions with wider noise, fits a mixture to them, and draws from the mixture.
 
     Raises:
         InvalidValue: the budget is too small, or the noise has too many values.
@@ -82,7 +82,7 @@ class MixtureMethod(BatchLearner[mixture_sampling.MixtureSampling]):
         )
 
     def estimate(self) -> Estimate | None:
-        """Return the failure probability over the last draws; before the end, why there is none."""
+        """Return the failure probability from the last draws; before the end, why it is missing."""
         simulation, result = self._driver.simulation, self._driver.simulation.result
         episodes = simulation.episodes_run
         if not self._driver.is_done:
@@ -95,12 +95,12 @@ class MixtureMethod(BatchLearner[mixture_sampling.MixtureSampling]):
 
 
 def judge_result(result: mixture_sampling.MixtureResult, episodes: int, values: int) -> Estimate:
-    """Return the estimate, or the reason why its number is not to be trusted.
+    """Return the estimate, or the reason why its number cannot be trusted.
 
     Args:
-        result: what the last draws say.
+        result: result of the last draws.
         episodes: number of episodes that ran.
-        values: values of noise of an episode.
+        values: number of noise values of an episode.
     """
     if result.errored == result.draws:
         return _refuse(episodes, "All of the last draws errored: correct what raised.")
@@ -145,7 +145,7 @@ def judge_result(result: mixture_sampling.MixtureResult, episodes: int, values: 
 
 
 def _hand_on(simulation: mixture_sampling.MixtureSampling) -> Estimate:
-    """Return the estimate of the method that had the rest of the budget, with the reason."""
+    """Return the estimate of the method that used the rest of the budget, with the reason."""
     refused = _refuse(simulation.episodes_run, _explain_early_end(simulation))
     successor = simulation.successor
     # Draws from p(x) need no model: their share of failures stands whatever went wrong before.

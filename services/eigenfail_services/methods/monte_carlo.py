@@ -1,4 +1,4 @@
-"""Direct Monte Carlo: every disturbance from the disturbance model itself; the baseline."""
+"""Direct Monte Carlo, the baseline: draws every disturbance from the disturbance model."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ class MonteCarlo:
     """Draws from p(x), without learning.
 
     Attributes:
-        lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
+        lookahead: 3, or as many rounds as `parallel` needs: no worker waits for the end of a round.
     """
 
     class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

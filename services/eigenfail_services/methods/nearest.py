@@ -1,10 +1,10 @@
-"""Nearest failing points: from the centre of a mode towards its medoid, the first noise that fails.
+"""Nearest failing points: the first failing noise on the way from a mode's centre to its medoid.
 
-The centre of the noise of failures need not be a failure itself. Its medoid is one: on the straight
-way between them, (1 − t) · centre + t · medoid, the smallest t at which an episode fails gives the
-noise nearest to the centre that does. Failing is not taken to be monotone in t: after the centre
-itself (t = 0) a grid is tried over the whole way, and the gap below its first failing point is then
-halved. What lies between grid points that do not fail is not tried.
+The centre of the failures' noise is not always a failure, but its medoid is. On the straight way
+between them, (1 − t) · centre + t · medoid, the smallest failing t gives the failing noise nearest
+to the centre. Failing is not assumed to be monotone in t. After the centre itself (t = 0), a grid
+over the whole way is tried. The gap below its first failing point is then halved repeatedly. Points
+between safe grid points are not tried.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ Tried = Mapping[float, bool]
 
 
 def list_next_points(tried: Tried) -> list[float]:
-    """Return the values of t to try next on the way of one mode; none once it is searched."""
+    """Return the values of t to try next on the way of one mode; empty after its search."""
     if 0.0 not in tried:
         return [0.0]
     if tried[0.0]:
@@ -53,15 +53,15 @@ def list_next_points(tried: Tried) -> list[float]:
 
 
 def find_nearest(tried: Tried) -> float:
-    """Return the smallest t that failed; 1, the medoid, where none did."""
+    """Return the smallest failing t; 1, the medoid, if no point failed."""
     return min((t for t, failed in tried.items() if failed), default=1.0)
 
 
 class Trial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An episode at the point t of a mode's way; the modes of the campaign are counted from 0.
+    """An episode at the point t of a mode's way; modes of the campaign are counted from 0.
 
     Attributes:
-        failed: whether it ended in a collision; None while it has no result.
+        failed: whether the episode failed; None while the result is open.
     """
 
     mode: int
@@ -70,14 +70,14 @@ class Trial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NearestSearch:
-    """The search on the ways of several modes; it knows points and outcomes, and no noise."""
+    """The search on the ways of several modes, with points and outcomes but without noise."""
 
     def __init__(self, modes: int, trials: Sequence[Trial] = ()) -> None:
         self.trials = list(trials)
         self._modes = modes
 
     def open(self, most: int) -> list[Trial]:
-        """Return up to `most` points to try next; `close` takes their outcomes in this order."""
+        """Return up to `most` points to try next; `close` expects their outcomes in this order."""
         points = (
             Trial(mode, t) for mode in range(self._modes) for t in list_next_points(self.read(mode))
         )
@@ -105,7 +105,7 @@ class NearestSearch:
 def place_trials(modes: int, outcomes: Sequence[bool]) -> list[Trial]:
     """Return the trials of a campaign from its outcomes, in index order.
 
-    The search is deterministic: what was tried follows from what failed.
+    The search is deterministic: the tried points follow from the outcomes.
     """
     search, seen = NearestSearch(modes), 0
     while seen < len(outcomes) and (opened := search.open(len(outcomes) - seen)):
@@ -131,17 +131,18 @@ class NearestSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 class NearestFailingPoint:
     """Searches the way from each mode's centre to its medoid for the first point that fails.
 
-    It has no random draws, and takes up to 14 episodes a mode: one where the centre fails.
+    The search is without random draws. It takes up to 14 episodes per mode, and one episode if the
+    centre fails.
 
     Args:
-        context: its trajectories are the centres of the modes, then their medoids.
-        settings: name the analysis and its modes.
+        context: context with the centres of the modes, followed by their medoids, as trajectories.
+        settings: settings with the analysis and its modes.
 
     Raises:
-        InvalidValue: there are no such pairs of trajectories.
+        InvalidValue: the trajectories are not pairs of centres and medoids.
 
     Attributes:
-        lookahead: 0, as each point depends on the results of those before.
+        lookahead: 0, as each point depends on earlier results.
     """
 
     Settings = NearestSettings
@@ -175,13 +176,13 @@ class NearestFailingPoint:
         self._search = NearestSearch(half)
 
     def propose(self, n: int) -> Proposal:
-        """Return the next points of all modes; none once all are searched."""
+        """Return the next points of all modes; empty after the search."""
         opened = self._search.open(n)
         ends = ((self._centres[each.mode], self._medoids[each.mode], each.t) for each in opened)
         return Proposal(tuple(mix_noise(*each) for each in ends))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Record which points failed; one that errored counts as a point that did not."""
+        """Record which points failed; errored points count as safe."""
         self._search.close([result.is_failure for result in results])
 
     def state(self) -> bytes:
@@ -201,7 +202,7 @@ class NearestFailingPoint:
 def mix_noise(centre: TrajectorySource, medoid: TrajectorySource, t: float) -> TrajectorySource:
     """Return (1 − t) · centre + t · medoid, with the medoid's seed.
 
-    A medoid's noise is 0 after its collision, which ended the episode.
+    A medoid's noise is 0 after the collision that ended its episode.
     """
     mixed = np.float32(1.0 - t) * centre.z + np.float32(t) * medoid.z
     return msgspec.structs.replace(medoid, z=mixed)

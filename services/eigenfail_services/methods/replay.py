@@ -1,4 +1,4 @@
-"""Replay: inject given noise trajectories, to prove that their effect is reproducible."""
+"""Replay: injects given noise trajectories, to prove that their effect is reproducible."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -16,7 +16,7 @@ from eigenfail_services.methods import Amount, Id, RoundSize, archive
 
 
 class ReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of `replay`: name an analysis (its modes) or a campaign (its noise)."""
+    """Settings of `replay`: an analysis (replays its modes) or a campaign (replays its noise)."""
 
     analysis: Annotated[Id | None, Meta(description="replay what this analysis found")] = None
     what: Annotated[
@@ -42,20 +42,20 @@ class ReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Replay:
-    """Injects the trajectories of its context in order, one episode each, then ends.
+    """Injects the trajectories of its context in order, one per episode, then ends.
 
     Args:
-        context: holds the trajectories.
-        settings: name the source of the trajectories, and the number of passes.
+        context: context with the trajectories.
+        settings: settings with the source of the trajectories and the number of passes.
 
     Raises:
-        InvalidValue: there is no trajectory.
+        InvalidValue: the trajectories are missing.
     """
 
     Settings = ReplaySettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """State: number of proposed episodes."""
+        """State: the number of proposed episodes."""
 
         proposed: Annotated[int, Meta(ge=0)]
 
@@ -90,7 +90,7 @@ class Replay:
         self._proposed = 0
 
     def propose(self, n: int) -> Proposal:
-        """Return the next trajectories; none after the last pass."""
+        """Return the next trajectories; empty after the last pass."""
         first = self._proposed
         self._proposed = min(first + min(n, self._round_size), self._total)
         chosen = (self._sources[i % len(self._sources)] for i in range(first, self._proposed))

@@ -1,4 +1,4 @@
-"""Adaptive multilevel splitting: episodes that come close to a collision are continued."""
+"""Adaptive multilevel splitting: continues episodes that come close to a collision."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -85,9 +85,9 @@ class SplittingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
 
 class MultilevelSplitting:
-    """Runs several independent splittings side by side, a level of all of them at a time.
+    """Runs several independent splittings in parallel, one level of all runs at a time.
 
-    If they have ended and give no number, the rest of the budget is drawn from p(x): the share of
+    If the ended runs give no number, the rest of the budget is drawn from p(x). The share of
     failures among these draws is unbiased, and its interval is exact.
 
     Attributes:
@@ -108,13 +108,13 @@ class MultilevelSplitting:
         """State besides the arrays.
 
         Attributes:
-            proposed: number of episodes of the wave that were proposed.
-            episodes_run: episodes that could be run so far.
-            errored: episodes that errored so far.
-            failed: of the episodes of the wave with a result, whether each failed.
-            lost: of these, whether each errored.
+            proposed: number of proposed episodes of the wave.
+            episodes_run: number of episodes that ran so far.
+            errored: number of errored episodes so far.
+            failed: failure flags of the wave's episodes with a result.
+            lost: error flags of the same episodes.
             counts: counts of each run.
-            plain: counts of the draws of p(x) after the end of all runs.
+            plain: counts of the draws from p(x) after the end of all runs.
         """
 
         proposed: Annotated[int, Meta(ge=0)]
@@ -144,7 +144,7 @@ class MultilevelSplitting:
         self._plain = PlainCounts()
 
     def _join_waves(self) -> Floats:
-        """Return the next episodes of all runs; none after their end, and after one is in vain."""
+        """Return the next episodes of all runs; empty after their end or an unfaithful episode."""
         waves = [run.wave.z for run in self._runs if run.wave is not None]
         if self._count_unfaithful():
             # One unfaithful episode shows that the simulation does not repeat itself, and every
@@ -156,9 +156,9 @@ class MultilevelSplitting:
         return sum(run.counts.unfaithful for run in self._runs)
 
     def propose(self, n: int) -> Proposal:
-        """Return the rest of the level of all runs, at most a round.
+        """Return the rest of the present level of all runs, at most a round.
 
-        After the end of all runs: plain draws if these give no number, else nothing.
+        After the end of all runs: plain draws if the runs give no number, otherwise nothing.
         """
         count = min(n, self._round_size)
         if not len(self._wave):
@@ -175,14 +175,14 @@ class MultilevelSplitting:
         return Proposal((episode.PriorSource(),) * count)
 
     def _count_seen(self) -> int:
-        """Return the number of episodes of complete levels, and of plain draws with a result."""
+        """Return the number of episodes with a result, including errored ones and plain draws."""
         return self._episodes_run + self._errored + self._plain.draws
 
     def observe(self, results: Sequence[episode.EpisodeResult]) -> None:
         """Add the results of episodes. A complete level leads to the next one.
 
         Raises:
-            LearnerFailed: an episode has no importance.
+            LearnerFailed: the importance of an episode is missing.
         """
         if not len(self._wave):
             self._count_plain(results)
@@ -222,7 +222,7 @@ class MultilevelSplitting:
         self._proposed, self._importances, self._failed = 0, [], []
 
     def estimate(self) -> Estimate | None:
-        """Return the failure probability; before the end of all runs, why there is none."""
+        """Return the failure probability; before the end of all runs, why it is missing."""
         episodes = self._episodes_run
         if problem := self._explain_refusal():
             refused = Estimate(by=BY, episodes=episodes, problem=problem)
@@ -246,7 +246,7 @@ class MultilevelSplitting:
         return multilevel_splitting.pool_runs([one for one in parts if one is not None])
 
     def _explain_refusal(self) -> str:
-        """Return why there is no estimate; empty if there is one."""
+        """Return why the estimate is missing; empty if it exists."""
         if unfaithful := self._count_unfaithful():
             return (
                 f"{unfaithful} episodes did not repeat the course of the episode that they "
@@ -264,7 +264,7 @@ class MultilevelSplitting:
         return self._explain_doubt(self._pool())
 
     def _explain_doubt(self, pooled: multilevel_splitting.PooledRuns) -> str:
-        """Return why the number of runs that have ended is not printed; empty if it is."""
+        """Return why the estimate of ended runs is not printed; empty if it is printed."""
         count, held = len(self._runs), len(self._runs[0].z)
         died = count - pooled.reached
         importance = self._settings.importance.value
@@ -289,7 +289,7 @@ class MultilevelSplitting:
         return ""
 
     def _describe(self, pooled: multilevel_splitting.PooledRuns) -> str:
-        """Return what a reader must know besides the number."""
+        """Return the note that explains the estimate to readers."""
         died = len(self._runs) - pooled.reached
         return (
             f"Mean of {len(self._runs)} independent runs. "
@@ -332,7 +332,7 @@ class MultilevelSplitting:
         return archive.write(self.kind, facts, arrays)
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which the runs go on bit for bit.
+        """Restore a state, so that the runs continue bit for bit.
 
         Raises:
             ProtocolError: the bytes are not a state of this method.

@@ -27,7 +27,7 @@ class SubsetMethodSettings(
     round_size: RoundSize = 10_000
 
     def check_budget(self, episodes: int) -> None:
-        """Raise InvalidValue if the budget allows too few samples, unless they were chosen."""
+        """Raise InvalidValue if the budget allows too few samples and `samples` is not set."""
         fewest = self.count_fewest_trajectories()
         if self.samples is None and episodes < fewest:
             raise InvalidValue(
@@ -40,11 +40,10 @@ class SubsetMethodSettings(
 
 
 class SubsetMethod(batch_learner.BatchLearner[subset_simulation.SubsetSimulation]):
-    """Descends the levels of robustness to failures: one run chooses them, the others repeat them.
+    """Descends levels of robustness to failures: one run chooses the levels, others repeat them.
 
-    A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
-    of every chain of all runs. With `parallel` a group of chains moves at a time, and waits for
-    no other group.
+    One wave of episodes is requested at a time: draws from p(x) on the first level, then a move of
+    every chain of all runs. With `parallel`, chains move in groups that do not wait for each other.
 
     Raises:
         InvalidValue: the budget allows too few samples, or the noise has too many values.
@@ -71,7 +70,7 @@ class SubsetMethod(batch_learner.BatchLearner[subset_simulation.SubsetSimulation
 
     @staticmethod
     def round_sizes(settings: SubsetMethodSettings, episodes: int) -> RoundSizes:
-        """Return the largest size of the rounds, and the number of chains of the first run."""
+        """Return the maximum size of rounds, and the number of chains of the first run."""
         size = settings.round_size
         return RoundSizes(size, size, width=settings.count_chains(episodes))
 
@@ -106,7 +105,7 @@ NO_MODE = -1
 
 
 class ReachedRun(NamedTuple):
-    """Estimate of a run that reached failures, and the samples of its last level."""
+    """Estimate of a run that reached failures, with the samples of its last level."""
 
     result: subset_estimate.SubsetEstimate
     chains: Chains
@@ -120,12 +119,12 @@ def estimate_modes(
 ) -> tuple[Estimate, ...] | None:
     """Return the failure probability of each mode.
 
-    P(mode) = P(robustness <= last threshold above 0) × share of the samples drawn below it that are
-    failures of the mode.
+    P(mode) = P(robustness <= last threshold above 0) × share of the samples below this threshold
+    that are failures of the mode.
 
     Args:
         simulation: simulation of the campaign before its first wave; it is run again.
-        robustness: robustness of each episode in index order, 0 of a failure. [m]
+        robustness: robustness of each episode in index order, 0 for a failure. [m]
         mode_of: mode of each failure, by the index of its episode.
         modes: number of modes.
 
@@ -149,7 +148,7 @@ def estimate_modes(
 def replay_simulation(
     simulation: subset_simulation.SubsetSimulation, robustness: Sequence[float]
 ) -> dict[bytes, int]:
-    """Run a simulation again, and return the index of each failure by the bytes of its noise."""
+    """Repeat a simulation, and return the index of each failure by the bytes of its noise."""
     driver, index_of, count = batch_learner.SimulationDriver(simulation), dict[bytes, int](), 0
     while not driver.is_done and count < len(robustness):
         z = driver.take_trajectories(len(robustness) - count)
@@ -166,7 +165,7 @@ def replay_simulation(
 def label_samples(
     chains: Chains, index_of: Mapping[bytes, int], mode_of: Mapping[int, int]
 ) -> NDArray[np.int64]:
-    """Return the mode of each sample of a level, shape (length, chains); -1 for no failure."""
+    """Return the mode of each sample of a level, shape (length, chains); -1 without a failure."""
     modes = np.full(chains.values.shape, NO_MODE)
     for place in np.argwhere(chains.values <= 0.0).tolist():
         index = index_of[chains.z[tuple(place)].tobytes()]
@@ -175,7 +174,7 @@ def label_samples(
 
 
 def _estimate_mode(estimates: Sequence[subset_estimate.SubsetEstimate], episodes: int) -> Estimate:
-    """Pool the runs' estimates of one mode, or return the reason why there is no number."""
+    """Return the pooled estimate of one mode over the runs, or why it cannot be given."""
     effective = sum(one.effective_first_draws for one in estimates)
     if effective < MIN_EFFECTIVE_FIRST_DRAWS:
         problem = (
@@ -189,11 +188,12 @@ def _estimate_mode(estimates: Sequence[subset_estimate.SubsetEstimate], episodes
 def _restrict_to_mode(run: ReachedRun, inside: NDArray[np.bool_]) -> subset_estimate.SubsetEstimate:
     """Return a run's estimate as if only the samples in `inside` had failed.
 
-    They get robustness 0, all others of the last level infinity; the levels before stay.
+    These samples get robustness 0, and all others of the last level infinity. Earlier levels stay
+    unchanged.
 
     Args:
         run: run that reached failures.
-        inside: mask of these samples, shape (length, chains).
+        inside: mask of the failing samples, shape (length, chains).
     """
     found = run.result
     restricted = run.chains._replace(values=np.where(inside, 0.0, inf))

@@ -1,6 +1,6 @@
 """Conversion of torch's modules, optimizers and randomness to arrays and seeds.
 
-Only methods that train import this module, and only when a learner is made.
+Only methods that train import this module, and only when they create a learner.
 """
 
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ from eigenfail_services.methods.archive import Array, Arrays, take
 
 @contextmanager
 def isolate_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
-    """Seed torch's global generator, and yield a numpy generator, by (seed, draw) alone.
+    """Seed torch's global generator, and yield a numpy generator, from (seed, draw) only.
 
-    So a state needs no generator, only the number of the next draw. The global generator is
-    restored afterwards.
+    So a state needs only the number of the next draw instead of a generator. The global generator
+    is restored afterwards.
     """
     generator = np.random.default_rng([seed, draw])
     # Modules draw their first weights from the global generator; their constructors take no other.
@@ -30,7 +30,7 @@ def isolate_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
 
 @contextmanager
 def wrap_memory_errors() -> Iterator[None]:
-    """Turn errors of a device that is out of memory into LearnerDiverged.
+    """Turn out-of-memory errors of a device into LearnerDiverged.
 
     Raises:
         LearnerDiverged: the device is out of memory.
@@ -55,14 +55,14 @@ def load_module(prefix: str, module: torch.nn.Module, arrays: Arrays) -> None:
     """Set a module's weights.
 
     Raises:
-        ValueError: one is missing or has another shape.
+        ValueError: an array is missing or has another shape.
     """
     for name, tensor in module.state_dict().items():
         copy_into(tensor, arrays, f"{prefix}.{name}")
 
 
 def adam_arrays(prefix: str, optimizer: torch.optim.Adam) -> dict[str, Array]:
-    """Return moments and step counts of Adam by name; nothing before the first step."""
+    """Return moments and step counts of Adam by name; empty before the first step."""
     return {
         f"{prefix}.{i}.{key}": _array(value)
         for i, parameter in enumerate(_parameters(optimizer))
@@ -74,7 +74,7 @@ def load_adam(prefix: str, optimizer: torch.optim.Adam, arrays: Arrays) -> None:
     """Set Adam's moments and step counts.
 
     Raises:
-        ValueError: one is missing or has another shape.
+        ValueError: an array is missing or has another shape.
     """
     optimizer.state.clear()
     for i, parameter in enumerate(_parameters(optimizer)):
@@ -98,7 +98,7 @@ def copy_into(tensor: torch.Tensor, arrays: Arrays, name: str) -> None:
 
 
 def all_finite(tensors: Iterator[torch.Tensor]) -> bool:
-    """Whether no value is NaN or infinite."""
+    """Return whether all values are finite."""
     return all(bool(torch.isfinite(tensor).all()) for tensor in tensors)
 
 

@@ -1,9 +1,9 @@
-"""Batches of noise that estimators request: one after the other, in waves, or side by side.
+"""Batches of noise that estimators request: one by one, in waves, or in parallel.
 
-An estimator is a generator. It yields the batches that it requests by now, none if it waits for
-earlier ones, and is sent the robustness of the oldest batch that was not answered yet. So the order
-of the batches and of the answers follows from the robustness alone: who runs the trajectories, and
-in what order they end, changes nothing.
+An estimator is a generator. It yields the batches that it can request now, or none if it waits for
+earlier batches. It receives the robustness of the oldest unanswered batch. So the order of batches
+and answers follows only from the robustness. Neither the workers nor the order in which
+trajectories end have an effect.
 """
 
 from collections import deque
@@ -29,21 +29,21 @@ Requests = Generator[Batches, Array, None]
 
 
 class Requester:
-    """Drives a generator of requests, which then need not be caught at its end.
+    """Drives a generator of requests, so that callers need not catch its end.
 
     Args:
-        requests: not yet begun.
+        requests: generator that has not started.
     """
 
     def __init__(self, requests: Requests) -> None:
         self._requests = requests
 
     def start(self) -> Batches:
-        """Return the first batches; none if there is nothing to request."""
+        """Return the first batches; empty if nothing is requested."""
         return self._resume(lambda: next(self._requests))
 
     def answer(self, robustness: Array) -> Batches:
-        """Pass on the robustness of the oldest batch; return the batches requested next."""
+        """Send the robustness of the oldest batch, and return the next batches."""
         return self._resume(lambda: self._requests.send(robustness))
 
     @staticmethod
@@ -55,7 +55,7 @@ class Requester:
 
 
 def run_side_by_side(parts: Sequence[Requests]) -> Requests:
-    """Request the batches of all parts, each of which goes on once its own batch was run."""
+    """Request the batches of all parts; each part continues after its own batch was run."""
     requesters = [Requester(part) for part in parts]
     new = [(one, batch) for one in requesters for batch in one.start()]
     waiting = deque(new)
@@ -67,7 +67,7 @@ def run_side_by_side(parts: Sequence[Requests]) -> Requests:
 
 
 def run_in_waves(parts: Sequence[Requests]) -> Requests:
-    """Request the batches of all parts as one, after which all of them go on."""
+    """Request the batches of all parts as one batch, after which all parts continue."""
     requesters = [Requester(part) for part in parts]
     wave = [(one, batch) for one in requesters for batch in one.start()]
     while wave:
@@ -78,11 +78,11 @@ def run_in_waves(parts: Sequence[Requests]) -> Requests:
 
 
 def divide_chains(chains: int, parallel: int | None) -> list[NDArray[np.intp]]:
-    """Return the numbers of the chains in each group: groups of even size, two at least.
+    """Return the chain numbers in each group: with `parallel`, two or more even groups.
 
     Args:
         chains: number of chains.
-        parallel: trajectories that are to run at a time; None for a single group.
+        parallel: number of trajectories to run at a time; None for a single group.
     """
     # Two at least: while the last episodes of one group run, the other group keeps workers
     # busy.
@@ -95,7 +95,7 @@ Robustness = Callable[[Array], Array]
 
 
 def answer_requests(requests: Requests, robustness: Robustness) -> None:
-    """Answer all requests with the values of a function.
+    """Answer all requests with a function's values.
 
     Raises:
         InvalidValue: robustness is not finite, or not one value for each trajectory.
@@ -110,7 +110,7 @@ def evaluate_robustness(robustness: Robustness, z: Array) -> Array:
     """Return the robustness of each z.
 
     Raises:
-        InvalidValue: it is not finite, or not one value for each.
+        InvalidValue: robustness is not finite, or not one value for each trajectory.
     """
     values = np.asarray(robustness(z), np.float64)
     if values.shape != z.shape[:1] or not np.isfinite(values).all():

@@ -16,11 +16,11 @@ SIGNIFICANCE = 0.05
 
 
 def can_distinguish(n_a: int, n_b: int) -> bool:
-    """Whether n_a and n_b values could show a difference at all, were they fully separated.
+    """Return whether n_a and n_b values could show a significant difference if fully separated.
 
-    The p-value of the exact rank-sum test is then 2 ÷ (n_a + n_b over n_a), the smallest there is
-    (Mann and Whitney 1947, Annals of Mathematical Statistics 18, 50–60): 0.33 with two values on
-    each side, 0.1 with three, 0.029 with four.
+    The smallest p-value of the exact rank-sum test is 2 ÷ (n_a + n_b over n_a) (Mann and Whitney
+    1947, Annals of Mathematical Statistics 18, 50–60). It is 0.33 with two values on each side, 0.1
+    with three, and 0.029 with four.
     """
     return 2.0 / comb(n_a + n_b, n_a) <= SIGNIFICANCE
 
@@ -38,12 +38,12 @@ EFFECT_ROUNDING = 1e-9
 
 
 def effect_size(a: Sequence[float], b: Sequence[float]) -> EffectSize:
-    """Return A12 of b over a: P(b > a) + P(b = a) / 2 for a value of each, drawn at random.
+    """Return A12 of b over a: P(b > a) + P(b = a) / 2 for random values of a and b.
 
     Source: Vargha and Delaney 2000, Journal of Educational and Behavioral Statistics 25, 101–132.
 
     Raises:
-        InvalidValue: so few values that chance would set them apart, too.
+        InvalidValue: with so few values, chance could separate them completely.
     """
     if not can_distinguish(len(a), len(b)):
         problem = f"{len(a)} and {len(b)} values have no effect size that says anything."
@@ -75,7 +75,7 @@ def rank_correlation(one: Array, other: Array) -> Figure | None:
         other: shape (n,).
 
     Returns:
-        None over fewer than ten pairs, or if one of them does not vary.
+        None for fewer than ten pairs, or if one variable is constant.
     """
     ranks = [_rank(values) for values in (one, other)]
     if len(one) < LEAST_PAIRS or any(np.ptp(each) == 0.0 for each in ranks):

@@ -1,8 +1,8 @@
 """Samples of noise on the levels of a subset simulation: Markov chains that stay on a level.
 
 A trajectory is the noise z of one episode, shape (steps, channels). It is requested when a
-generator yields it in a batch, and it was run when its robustness is sent back; NaN is sent where
-its episode errored, and it was not run then.
+generator yields it in a batch. It was run when its robustness is sent back. If its episode errored,
+NaN is sent, and the trajectory counts as not run.
 """
 
 from collections.abc import Generator
@@ -24,15 +24,15 @@ trajectories reached failures in 73 of 100 cases without large moves, in 98 with
 
 
 class Chains(NamedTuple):
-    """Samples of one level: Markov chains side by side, each from a sample of the level before.
+    """Samples of one level: parallel Markov chains that start from samples of the level before.
 
     Attributes:
         z: shape (length, chains, steps, channels).
-        values: their robustness, shape (length, chains). [m]
-        first_draw_of_chain: index of the independent first draw from which each chain descends,
+        values: robustness of the samples, shape (length, chains). [m]
+        first_draw_of_chain: index of the independent first draw that each chain descends from,
             shape (chains,).
-        acceptance: share of the moves that were accepted; 1 if none was made.
-        ran: share of the draws of p(z) that did not error; 1 of samples that were moved.
+        acceptance: share of accepted moves; 1 without moves.
+        ran: share of the draws from p(z) that did not error; 1 for moved samples.
     """
 
     z: batches.Array
@@ -45,18 +45,18 @@ class Chains(NamedTuple):
 Sampling = Generator[batches.Batches, batches.Array, Chains]
 """Requests batches, and returns the samples of a level.
 
-Where episodes errored (NaN) the samples are of the noise that can be run: draws are made anew, and
-a chain whose move was not run stays where it is.
+If episodes error (NaN), the samples represent the noise that can be run: draws are repeated, and a
+chain whose move was not run stays at its place.
 """
 
 
 class ChainGroup:
-    """Chains that move together: those of a level, or some of them.
+    """Chains that move together: all chains of a level, or some of them.
 
     Attributes:
-        z: samples after each move, the starts first, each of shape (chains, steps, channels).
-        values: their robustness, each of shape (chains,). [m]
-        accepted: share of each move that was accepted.
+        z: samples after each move, starts first, each of shape (chains, steps, channels).
+        values: robustness of the samples, each of shape (chains,). [m]
+        accepted: share of accepted proposals in each move.
 
     Args:
         z: the starts.
@@ -71,37 +71,37 @@ class ChainGroup:
     def move(
         self, proposed: batches.Array, robustness: batches.Array, accept: NDArray[np.bool_]
     ) -> None:
-        """Move the chains of which the proposal is accepted; the others stay."""
+        """Move the chains with an accepted proposal; other chains stay."""
         self.z.append(np.where(accept[:, None, None], proposed, self.z[-1]))
         self.values.append(np.where(accept, robustness, self.values[-1]))
 
 
 class ConditionalSampler:
-    """Draws samples of z on each level, as Markov chains from the samples that reach it.
+    """Draws samples of z on each level, as Markov chains that start from samples on the level.
 
-    Draws that are made together cover the range of each value evenly: first draws are the points of
-    a scrambled Sobol sequence, the noise of a move of all chains is a Latin hypercube. Each draw by
-    itself is distributed as an independent one, so that the product of the shares over fixed levels
-    stays unbiased; its variance is smaller, most of all where few values of the noise decide. Sobol
-    points for the moves too were no better: their number is that of the chains, which is small and
-    rarely a power of two.
+    Simultaneous draws cover the range of each value evenly. First draws are the points of a
+    scrambled Sobol sequence, and the noise of a move of all chains is a Latin hypercube. Each draw
+    alone is distributed as an independent draw, so the product of the shares over fixed levels
+    stays unbiased. Its variance is smaller, especially if few values of the noise are decisive.
+    Sobol points were not better for the moves: there are as many points as chains, a number that is
+    small and rarely a power of two.
 
     Moves are preconditioned Crank–Nicolson's: z' = sqrt(1 − s²)·z + s·xi leaves the standard normal
-    unchanged (Cotter et al. 2013, Statistical Science 28, 424–446), so that a move is accepted
-    wherever it stays on the level. The step s follows the acceptance (Papaioannou et al. 2015,
-    Probabilistic Engineering Mechanics 41, 89–103), but that of one move in five is large.
+    unchanged (Cotter et al. 2013, Statistical Science 28, 424–446). So a move is accepted if it
+    stays on the level. The step s adapts to the acceptance (Papaioannou et al. 2015, Probabilistic
+    Engineering Mechanics 41, 89–103), but one move in five has a large step.
 
-    Chains move in groups. A group moves on when its own last move was run, whatever the others do;
-    they share the step, and the generator, which they use in the order of their moves.
+    Chains move in groups. A group continues when its last move was run, independently of other
+    groups. Groups share the step and the generator, which they use in the order of their moves.
 
     Args:
         rng: generator of every draw.
-        acceptance: share of the small moves to be accepted, by the choice of the step.
-        parallel: trajectories that are to run at a time; None for a single group of chains.
+        acceptance: target share of accepted small moves, which the step adapts to.
+        parallel: number of trajectories to run at a time; None for a single group of chains.
 
     Attributes:
-        trajectories_requested: trajectories whose robustness came, NaN included.
-        trajectories_run: those of them whose robustness is known.
+        trajectories_requested: number of trajectories with an answer, NaN included.
+        trajectories_run: number of trajectories with known robustness.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class ConditionalSampler:
         self.trajectories_run = 0
 
     def draw_independent(self, samples: int, shape: batches.NoiseShape) -> Sampling:
-        """Draw samples of p(z), spread evenly: chains of length 1."""
+        """Draw evenly spread samples from p(z), as chains of length 1."""
         z, values, requested = np.empty((0, *shape)), np.empty(0), 0
         while missing := samples - len(z):
             drawn = draw_sobol_normal(self._rng, missing, prod(shape)).reshape(missing, *shape)
@@ -129,13 +129,14 @@ class ConditionalSampler:
     def move_chains(
         self, above: Chains, threshold: float, starts: NDArray[np.intp], moves: int
     ) -> Sampling:
-        """Draw samples at or below a threshold, in chains of 1 + `moves` samples from each start.
+        """Draw samples at or below a threshold, in chains of 1 + `moves` samples per start.
 
         Args:
             above: samples of the level before.
             threshold: robustness that no sample may exceed. [m]
-            starts: positions of the first samples among those of the level before; at least one.
-            moves: number of moves of each chain; with none, the starts are the samples.
+            starts: positions of the first samples among the samples of the level before; at least
+                one.
+            moves: number of moves of each chain; with 0, the starts are the samples.
         """
         z = above.z.reshape(above.values.size, *above.z.shape[2:])[starts]
         values = above.values.ravel()[starts]
@@ -156,7 +157,7 @@ class ConditionalSampler:
     def _move_group(
         self, group: ChainGroup, threshold: float, moves: int, weight: float
     ) -> batches.Requests:
-        """Move the chains of a group; `weight` is its share of all chains, and so of the step."""
+        """Move the chains of a group; `weight` is its share in the adaptation of the step."""
         for move in range(1, moves + 1):
             z = group.z[-1]
             large = self._rng.random(len(z)) < LARGE_SHARE
@@ -176,17 +177,17 @@ class ConditionalSampler:
         return proposed
 
     def _record(self, robustness: batches.Array) -> None:
-        """Count trajectories whose robustness has come."""
+        """Count trajectories with an answer."""
         self.trajectories_requested += len(robustness)
         self.trajectories_run += int(np.count_nonzero(~np.isnan(robustness)))
 
     def _measure_acceptance(self, robustness: batches.Array, threshold: float) -> float:
-        """Return the share of the moves that stay on the level; if none was run, the aim."""
+        """Return the share of moves that stay on the level; the target if no move was run."""
         known = robustness[~np.isnan(robustness)]
         return float((known <= threshold).mean()) if known.size else self._acceptance
 
     def _adapt(self, accepted: float, move: int, weight: float) -> None:
-        """Take larger steps while too many moves are accepted, smaller ones while too few."""
+        """Increase the step if too many moves are accepted, and decrease it if too few are."""
         # Smaller and smaller changes, so that the step settles. A group has a part of the say,
         # by its share of the chains.
         change = exp(weight * (accepted - self._acceptance) / sqrt(move))

@@ -1,8 +1,9 @@
-"""Mixtures of normals that are fitted to weighted failures, as proposals of importance sampling.
+"""Mixtures of normals, fitted to weighted failures, as proposals of importance sampling.
 
-The first components of a proposal are broad: normals around zero that no fit moves. They bound the
+The first components of a proposal are broad: normals around zero that stay fixed. They bound the
 weights, and find failures that the fitted components do not reach (Hesterberg 1995, Technometrics
-37, 185–194). The others follow the failures by expectation maximisation (Dempster et al. 1977).
+37, 185–194). Further components are fitted to the failures by expectation maximisation (Dempster et
+al. 1977).
 """
 
 from collections.abc import Sequence
@@ -71,7 +72,7 @@ class NormalComponent(NamedTuple):
     Attributes:
         mean: shape (size,).
         axes: orthonormal axes as columns, shape (size, size); None if all variances are equal,
-            so that any axes are principal ones.
+            because any axes are then principal axes.
         variances: variance along each axis, shape (size,).
     """
 
@@ -91,8 +92,8 @@ class NormalComponent(NamedTuple):
     def transform(self, standard: Array) -> Array:
         """Turn standard normal values of shape (n, size) into draws of this normal.
 
-        By the symmetric root of the covariance: the signs of the axes are LAPACK's choice, and must
-        not change the draws.
+        It uses the symmetric root of the covariance, because LAPACK chooses the signs of the axes,
+        and these must not change the draws.
         """
         deviations = np.sqrt(self.variances)
         if self.axes is None:
@@ -112,7 +113,7 @@ class MixtureProposal(NamedTuple):
 
     Attributes:
         shares: shape (components,), with sum 1.
-        components: the broad ones first.
+        components: components, the broad ones first.
         broad: number of broad components.
     """
 
@@ -147,13 +148,13 @@ class MixtureProposal(NamedTuple):
         return shuffled
 
     def even_out(self) -> "MixtureProposal":
-        """Return the mixture with the shares of fitted components halfway to equal ones."""
+        """Return the mixture with the fitted components' shares moved halfway to equal shares."""
         fitted = self.shares[self.broad :]
         shares = np.concatenate([self.shares[: self.broad], 0.5 * (fitted + fitted.mean())])
         return self._replace(shares=shares)
 
     def join(self, other: "MixtureProposal", share: float) -> "MixtureProposal":
-        """Return this mixture with a share of fitted components of another one."""
+        """Return this mixture with a share of another mixture's fitted components."""
         added = other.shares[other.broad :]
         shares = np.concatenate([(1.0 - share) * self.shares, share * added / added.sum()])
         components = (*self.components, *other.components[other.broad :])
@@ -174,7 +175,7 @@ def make_scaled_proposal(size: int, scale: float) -> MixtureProposal:
 def add_broad_components(
     fitted: MixtureProposal, broad: Sequence[NormalComponent]
 ) -> MixtureProposal:
-    """Return a mixture without broad components with these, each with its smallest share."""
+    """Add broad components, with their smallest share each, to a mixture without any."""
     rest = 1.0 - LEAST_BROAD_SHARE * len(broad)
     shares = np.concatenate([np.full(len(broad), LEAST_BROAD_SHARE), rest * fitted.shares])
     return MixtureProposal(shares, (*broad, *fitted.components), len(broad))
@@ -192,8 +193,9 @@ def fit_mixture(
     Args:
         z: samples, shape (n, size), n at least 2.
         weights: shape (n,), above 0.
-        most: number of fitted components at most.
-        broad: broad components; their shares are fitted, and no smaller than the smallest share.
+        most: maximum number of fitted components.
+        broad: broad components; their shares are fitted, but at least `LEAST_BROAD_SHARE` before
+            scaling.
         rng: generator of the folds and of the starts.
     """
     samples = WeightedSamples(z, weights, tuple(broad))
@@ -213,7 +215,7 @@ def fit_mixture(
 def _score_held_out(
     samples: WeightedSamples, count: int, folds: NDArray[np.intp], rng: np.random.Generator
 ) -> Array:
-    """Return the log-likelihood of each sample under a fit to the other folds, shape (n,)."""
+    """Return each sample's log-likelihood under a fit to the remaining folds, shape (n,)."""
     scores = np.zeros(len(samples.z))
     for fold in np.unique(folds):
         left = folds != fold
@@ -229,7 +231,7 @@ def _score_held_out(
 def _fit_from_starts(
     samples: WeightedSamples, starts: Sequence[Sequence[Array]], iterations: int
 ) -> MixtureProposal:
-    """Return the likeliest of the fits from several sets of means."""
+    """Return the most likely fit from several sets of initial means."""
     fits = [_maximise_likelihood(samples, means, iterations) for means in starts]
     return max(fits, key=lambda fit: float(samples.weights @ fit.log_density(samples.z)))
 
@@ -252,7 +254,7 @@ def _choose_means(samples: WeightedSamples, count: int, rng: np.random.Generator
 def _maximise_likelihood(
     samples: WeightedSamples, means: Sequence[Array], iterations: int
 ) -> MixtureProposal:
-    """Run expectation maximisation from these means."""
+    """Run expectation maximisation with initial means."""
     z, weights, broad = samples
     components = (*broad, *(make_round_component(mean) for mean in means))
     even = np.full(len(components), 1.0 / len(components))
@@ -275,12 +277,12 @@ def _maximise_likelihood(
 
 
 def _fit_component(z: Array, weights: Array) -> NormalComponent:
-    """Return a normal with the mean of weighted samples, shrunk the more, the fewer there are.
+    """Return a normal for weighted samples; with fewer samples, it is shrunk more.
 
-    The mean is James and Stein's (1961), towards zero. The covariance is shrunk towards that of
-    p(z), by the ratio of its sampling variance to its squared distance from there (Ledoit and Wolf
-    2004, J. Multivar. Anal. 88, 365–411), and is that of p(z) with fewer than two effective samples
-    for each dimension.
+    The mean is James and Stein's (1961), towards zero. The covariance is shrunk towards the
+    covariance of p(z), by the ratio of its sampling variance to its squared distance from it
+    (Ledoit and Wolf 2004, J. Multivar. Anal. 88, 365–411). With fewer than two effective samples
+    per dimension (plus two), the covariance of p(z) itself is used.
     """
     size, total = z.shape[1], weights.sum()
     effective = total**2 / np.square(weights).sum()

@@ -1,11 +1,11 @@
-"""A lower bound of the failure probability, from episodes drawn from known proposals q, not from p.
+"""A lower bound of the failure probability, from episodes of known proposals q instead of p.
 
-P = E_q[w·1(failure)], w = p/q. Whatever q has learnt from the rounds before, a round's mean of it
-is not biased, nor is the mean over rounds (Owen and Zhou 2020, ACM TOMACS 30 (2)). In a finite
-sample it is: a proposal that has moved to one of several failure regions draws none of the others,
-and neither the variance of the weights nor their effective number shows that. On two equal regions
-the sum is half of the truth with a coefficient of variation of a few percent. So the result is a
-lower bound, without an interval.
+P = E_q[w·1(failure)], w = p/q. Even if q has learnt from earlier rounds, the mean of a round is
+unbiased, and so is the mean over rounds (Owen and Zhou 2020, ACM TOMACS 30 (2)). In a finite
+sample, the mean is usually too low: a proposal that has moved to one of several failure regions
+draws nothing from the rest. Neither the variance of the weights nor their effective number shows
+it. With two equal regions, the sum is half of the truth, with a coefficient of variation of a few
+percent. So the result is a lower bound, without an interval.
 """
 
 from collections.abc import Sequence
@@ -52,13 +52,13 @@ NO_ROUND = (
 
 
 class WeightedFailures(msgspec.Struct, frozen=True):
-    """Sums over episodes; of weights as logarithms, which no weight is too large or small for.
+    """Sums over episodes; sums of weights are logarithms, which cannot overflow or underflow.
 
     Attributes:
-        episodes: how many were run.
-        failures: how many of them failed.
-        log_first: log of the sum of their weights; not a number once one of them is not known.
-        log_second: log of the sum of the squares of their weights.
+        episodes: number of episodes that ran.
+        failures: number of failures.
+        log_first: log of the sum of the failures' weights; NaN if a weight is unknown.
+        log_second: log of the sum of the squared weights.
     """
 
     episodes: float = 0.0
@@ -67,12 +67,12 @@ class WeightedFailures(msgspec.Struct, frozen=True):
     log_second: float = -inf
 
     def after(self, log_weights: Array, episodes: int) -> "WeightedFailures":
-        """With another round.
+        """Return the sums with another round added.
 
         Args:
-            log_weights: log p − log q of the round's failures, shape (n,); not a number where q has
-                no density.
-            episodes: how many of the round were run.
+            log_weights: log p − log q of the round's failures, shape (n,); NaN for a failure
+                without density under q.
+            episodes: number of the round's episodes that ran.
         """
         return WeightedFailures(
             episodes=self.episodes + episodes,
@@ -82,15 +82,15 @@ class WeightedFailures(msgspec.Struct, frozen=True):
         )
 
     def effective(self) -> float:
-        """Effective sample size: (sum of weights)² ÷ sum of their squares (Kish 1965)."""
+        """Return the effective sample size: (sum of weights)² ÷ sum of squares (Kish 1965)."""
         return exp(2.0 * self.log_first - self.log_second) if self.failures else 0.0
 
     def estimate(self, advice: str = ADVICE, note: str = ONE_REGION) -> Estimate:
-        """A lower bound of P with its random error, or why there is none.
+        """Return a lower bound of P with its random error, or the reason why it is missing.
 
         Args:
-            advice: what to do where failures are worth too little.
-            note: why it is a lower bound.
+            advice: advice if the effective number of failures is too small.
+            note: reason why the result is a lower bound.
         """
         if isnan(self.log_first):
             return Estimate(by=BY, episodes=int(self.episodes), problem=NO_DENSITY)
@@ -115,14 +115,14 @@ class WeightedFailures(msgspec.Struct, frozen=True):
 
 
 def _add_logs(logs: Sequence[float]) -> float:
-    """log of the sum of exponentials; not a number if one of them is none."""
+    """Return the log of the sum of exponentials; NaN if a term is NaN."""
     # A weight that is not known makes the sum NaN, which is the answer and no warning.
     with np.errstate(invalid="ignore"):
         return float(np.logaddexp.reduce(logs))
 
 
 def explain_nothing_counted(seen: int, budget: int) -> Estimate | None:
-    """Return an estimate that says why it has no value before the budget's second half, or None.
+    """Return an estimate that explains why its value is missing; None before any episode.
 
     Args:
         seen: episodes observed so far.
@@ -133,7 +133,7 @@ def explain_nothing_counted(seen: int, budget: int) -> Estimate | None:
 
 
 def explain_too_few(sums: WeightedFailures, effective: float, advice: str) -> str:
-    """Why so few failures make no number, and what to do."""
+    """Return why there are too few failures for a number, with advice."""
     if not sums.failures:
         return (
             f"None of the {sums.episodes:.0f} episodes that count was a failure. Give it more "
@@ -150,10 +150,10 @@ NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 
 
 def expected_log_probability(noise: NoiseTrajectory) -> float:
-    """E[log p(a_1 … a_T)] of a from p, over the same steps at the same sigma.
+    """Return E[log p(a_1 … a_T)] for a from p, over the same steps at the same sigma.
 
-    log p differs from its value at z by no more than z²/2 and the slope of the shape at z_t, so
-    that the expectation goes step by step: E[z²] = 1, and the slope by quadrature.
+    log p depends on z only through z²/2 and the slope of the shape at z_t. So the expectation is
+    computed step by step: E[z²] = 1, and the slope by quadrature.
     """
     z = noise.z.astype(np.float64)
     # Row 0 is for the first step, row 1 for each later one.
@@ -167,9 +167,9 @@ def expected_log_probability(noise: NoiseTrajectory) -> float:
 
 @lru_cache(maxsize=256)
 def expected_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[np.float64]:
-    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, channels).
+    """Return E[log |du_t / dz_t|] at the first and at each later step, shape (2, channels).
 
-    Of an event whose rate depends on the distance it is that at no distance.
+    If the rate of an event depends on the distance, the rate at distance 0 is used.
     """
     expected = _average_slopes(shape, channels)
     # It is cached: a caller that wrote to it would change all later answers.
@@ -192,7 +192,7 @@ def _(shape: Markov, channels: int) -> NDArray[np.float64]:
 
 
 def _average_events(chain: Markov, sigma: Row) -> NDArray[np.float64]:
-    """The mean of `Markov.log_slopes` at each step of one channel, shape (steps,)."""
+    """Return the mean of `Markov.log_slopes` at each step of one channel, shape (steps,)."""
     # An event is no smooth function of z, but its mean log probability has a closed form.
     means: NDArray[np.float64] = np.array(chain.mean_log_probabilities(sigma))
     return -0.5 - LOG_SQRT_TWO_PI - means

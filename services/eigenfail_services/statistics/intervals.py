@@ -1,4 +1,4 @@
-"""Rates with their 95 % intervals, and the intervals of estimates."""
+"""Rates with 95 % intervals, and intervals of estimates."""
 
 from collections.abc import Callable
 from math import exp, inf, lgamma, log, sqrt
@@ -9,16 +9,16 @@ from eigenfail.values.estimates import Interval, Rate
 
 
 def rate(k: int, n: int, errored: int = 0, unresolved: int = 0) -> Rate:
-    """Return k of n, with the interval of a number of trials that was fixed beforehand.
+    """Return the rate k of n, with the interval for a number of trials that was fixed beforehand.
 
     Args:
         k: number of events.
         n: number of completed trials.
-        errored: number of trials besides the n that did not come to their end.
-        unresolved: number of trials among the n that ended before what may have become an event.
+        errored: number of errored trials besides the n.
+        unresolved: number of trials among the n that ended before a possible event.
 
     Raises:
-        InvalidValue: no trial, or not 0 <= k <= n.
+        InvalidValue: n is 0, or not 0 <= k <= n.
     """
     refuse_no_share(k, n)
     bounds = find_interval(k, n + errored, errored + unresolved)
@@ -28,7 +28,7 @@ def rate(k: int, n: int, errored: int = 0, unresolved: int = 0) -> Rate:
 def clopper_pearson(k: int, n: int) -> Interval:
     """Return the exact two-sided interval of a probability after k events in n trials.
 
-    All p at which neither k or more nor k or fewer events have a probability below 2.5 %.
+    It holds all p for which neither k or more nor k or fewer events have a probability below 2.5 %.
     Source: Clopper and Pearson 1934, Biometrika 26, 404–413.
     """
     from scipy.special import betaincinv  # imported late: the API starts sooner without it
@@ -39,18 +39,18 @@ def clopper_pearson(k: int, n: int) -> Interval:
 
 
 def bound_stated_share(k: int, n: int, most: int) -> Interval:
-    """Return an interval of a probability that is stated only because an event was seen.
+    """Return the interval of a probability that is stated only if an event was seen.
 
-    If an event is unlikely in n trials, a share is stated rarely, and then it is too large. So
-    the lower end is exact given at least one event: the p at which P(k or more | 1 or more) is
-    2.5 %. One event alone excludes no p; its lower end is that of `clopper_pearson`, which fails
-    only where fewer than one in forty such trials have an event. The upper end is that of
-    `clopper_pearson`, which holds at least as often given an event.
+    If events are unlikely in n trials, a share is rarely stated, and is then too large. So the
+    lower end is exact given at least one event: the p at which P(k or more | 1 or more) is 2.5 %. A
+    single event excludes no p. Its lower end comes from `clopper_pearson`, which fails only if
+    fewer than one in forty such trials have an event. The upper end comes from `clopper_pearson`,
+    which holds at least as often given an event.
 
     Args:
         k: number of events, at least 1.
         n: number of trials.
-        most: number of events if each trial without a result was one.
+        most: number of events if each trial without a result counts as an event.
     """
     from scipy.special import betainc  # imported late: the API starts sooner without it
 
@@ -72,12 +72,12 @@ BISECTIONS = 60
 
 
 def confidence_sequence(k: int, n: int) -> Interval:
-    """Return the set of p that holds the truth after every trial at once, with 95 %.
+    """Return a set of p that holds the truth after all trials simultaneously, with 95 %.
 
-    It may be looked at after each trial, and the trials may end at any look for any reason. The
-    likelihood of the outcomes, averaged over Beta(1/2, 1/2) and divided by that of the true p, is
-    a martingale of mean 1; by Ville's inequality it ever exceeds 1 ÷ 0.05 in at most 5 % of
-    sequences. The set holds the p at which it is below that:
+    You may inspect it after each trial, and stop the trials at any time for any reason. Consider
+    the likelihood of the outcomes, averaged over Beta(1/2, 1/2) and divided by the likelihood at
+    the true p. This ratio is a martingale of mean 1. By Ville's inequality, it ever exceeds 1 ÷
+    0.05 in at most 5 % of sequences. The set holds the p whose ratio is below 1 ÷ 0.05:
 
         B(k + 1/2, n − k + 1/2) ÷ B(1/2, 1/2) < p^k · (1 − p)^(n − k) ÷ 0.05.
 
@@ -85,7 +85,7 @@ def confidence_sequence(k: int, n: int) -> Interval:
     and Sekhon 2021, Annals of Statistics 49, 1055–1080.
 
     Raises:
-        InvalidValue: no trial, or not 0 <= k <= n.
+        InvalidValue: n is 0, or not 0 <= k <= n.
     """
     refuse_no_share(k, n)
     averaged = _log_beta(k + PRIOR, n - k + PRIOR) - _log_beta(PRIOR, PRIOR)
@@ -98,12 +98,12 @@ def confidence_sequence(k: int, n: int) -> Interval:
 
 
 def bound_sequence(k: int, n: int, doubtful: int = 0) -> Interval:
-    """Return the confidence sequence of n trials, of which some may be events besides the k.
+    """Return the confidence sequence of n trials, with doubtful trials besides the k events.
 
-    As in `find_interval`, the upper end counts the doubtful ones as events.
+    As in `find_interval`, the upper end counts doubtful trials as events.
 
     Raises:
-        InvalidValue: no trial, or not 0 <= k <= n.
+        InvalidValue: n is 0, or not 0 <= k <= n.
     """
     found = confidence_sequence(k, n)
     if not doubtful:
@@ -112,7 +112,7 @@ def bound_sequence(k: int, n: int, doubtful: int = 0) -> Interval:
 
 
 def _find_end(is_inside: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return where a set that holds one point ends on the way to another one."""
+    """Return the end of a set on the way from a point inside to a second point."""
     # The set of p reaches 0 or 1 where all trials ended alike; there is no end to bisect for.
     if is_inside(outside):
         return outside
@@ -127,18 +127,18 @@ def _log_beta(a: float, b: float) -> float:
 
 
 def _log_power(p: float, times: int) -> float:
-    """Return times · log p, which is 0 for no times and minus infinity for p = 0."""
+    """Return times · log p: 0 if `times` is 0, otherwise minus infinity for p = 0."""
     if not times:
         return 0.0
     return times * log(p) if p > 0.0 else -inf
 
 
 def log_normal(probability: float, cv: float, effective: float = inf) -> Interval:
-    """The 95 % interval of a probability above 0 whose estimate is log-normal about it.
+    """Return the 95 % interval of a probability above 0 with a log-normal estimate.
 
-    exp(±q·s) around it, s² = log(1 + cv²) for a coefficient of variation cv. q is the quantile of
-    Student's distribution with `effective` − 1 degrees of freedom, at least 1, if cv was itself
-    estimated from that many independent samples; `Z` where it is known.
+    The interval is probability · exp(±q·s), with s² = log(1 + cv²) for a coefficient of variation
+    cv. If cv was estimated from `effective` independent samples, q is the quantile of Student's
+    distribution with `effective` − 1 degrees of freedom, at least 1. If cv is known, q is `Z`.
     """
     quantile = find_quantile(1.0 - ERROR / 2.0, effective)
     factor = exp(quantile * sqrt(log(1.0 + cv * cv)))
@@ -146,10 +146,10 @@ def log_normal(probability: float, cv: float, effective: float = inf) -> Interva
 
 
 def find_quantile(level: float, effective: float) -> float:
-    """Return the quantile of an error whose size was estimated from some independent samples.
+    """Return the quantile of an error whose size was estimated from independent samples.
 
-    It is Student's, with `effective` − 1 degrees of freedom and at least 1; the normal one where
-    `effective` is infinite: the size is known.
+    It is Student's quantile with `effective` − 1 degrees of freedom, at least 1. If `effective` is
+    infinite, the size is known, and the quantile is normal.
     """
     if effective == inf:
         return NormalDist().inv_cdf(level)

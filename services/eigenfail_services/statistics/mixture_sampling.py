@@ -1,17 +1,17 @@
-"""The probability of a rare failure by importance sampling from a mixture that knows all regions.
+"""The probability of a rare failure by importance sampling from a mixture over all regions.
 
-P(failure) = E_q[1{failure} · p(z) / q(z)]. One normal that follows the failures settles on one of
-several regions, and the estimate is then the share of that region. Here the regions are found
-first, by noise p(z / s) with larger standard deviations s: a region at distance b from the origin
-is met there in about Q(b / s) of the episodes, so that regions of very different probability are
-met about equally often. Short Markov chains lead these failures to where p(z | failure) is large,
-and each keeps its region. A mixture of normals is fitted to their ends, refitted twice to the
-weighted failures that were drawn from it, and then stands still: the estimate rests on the last
-draws alone, which are draws of one q. It is unbiased; an episode that errored counts as no failure.
-The draws are stratified by component, and their variance is estimated as that of independent ones.
-If no mixture is fitted, or its trial promises too few effective failures, the rest of the budget
-goes to another estimator. Its draws are new, so
-that neither its estimate nor its interval depends on why it was called.
+P(failure) = E_q[1{failure} · p(z) / q(z)]. A single normal that follows the failures settles on one
+of several regions, and then estimates only the share of this region. Here the regions are found
+first, by noise p(z / s) with larger standard deviations s. Such noise meets a region at distance b
+from the origin in about Q(b / s) of the episodes. So regions of very different probability are met
+about equally often. Short Markov chains lead these failures to places where p(z | failure) is
+large, and each chain keeps its region. A mixture of normals is fitted to the ends of the chains,
+refitted twice to the weighted failures that it draws, and then fixed. The estimate uses only the
+last draws, which come from a single q. It is unbiased; an errored episode counts as not failed. The
+draws are stratified by component, but their variance is estimated as for independent draws. If no
+mixture is fitted, or if its trial promises too few effective failures, the rest of the budget goes
+to another estimator. Its draws are new, so neither its estimate nor its interval depends on the
+reason for the change.
 
 Sources: Owen and Zhou 2000, J. Am. Stat. Assoc. 95, 135–143 (mixtures, defensive components);
 Veach and Guibas 1995 (the balance heuristic, for the weights of the refits); Cotter et al. 2013,
@@ -78,12 +78,12 @@ SUCCESSOR = 1
 
 
 class ProposalDraws(NamedTuple):
-    """Independent draws of one proposal; episodes that errored are left out.
+    """Independent draws of one proposal, without errored episodes.
 
     Attributes:
         z: shape (n, size).
         failed: shape (n,).
-        proposal: proposal from which they were drawn.
+        proposal: proposal of the draws.
     """
 
     z: Array
@@ -92,15 +92,15 @@ class ProposalDraws(NamedTuple):
 
 
 class MixtureResult(NamedTuple):
-    """What the last draws say.
+    """Result of the last draws.
 
     Attributes:
-        draws: number of the last draws, with those that errored.
-        errored: number of those that errored.
-        weights: p / q of their failures, shape (failures,).
+        draws: number of the last draws, including errored draws.
+        errored: number of errored draws.
+        weights: p / q of the draws' failures, shape (failures,).
         at_ends: p / q at the ends of all chains, shape (ends,).
-        at_unseen: p / q at those ends that no fit has seen.
-        uncovered: share of the latter at which p / q is many times its mean over failures.
+        at_unseen: p / q at the ends that no fit has seen.
+        uncovered: share of the unseen ends with p / q many times its mean over failures.
     """
 
     draws: int
@@ -112,7 +112,7 @@ class MixtureResult(NamedTuple):
 
     @property
     def probability(self) -> float:
-        """Mean of the weights over all draws, 0 of those without failure: P(failure and ran)."""
+        """Mean of the weights over all draws, 0 without a failure: P(failure and ran)."""
         return float(self.weights.sum()) / self.draws
 
     @property
@@ -124,8 +124,8 @@ class MixtureResult(NamedTuple):
     def effective_for_variance(self) -> float:
         """Effective number of failures behind the estimated variance: (sum w²)² ÷ sum w⁴.
 
-        It is smaller than `effective` where a few weights make most of the variance, which is then
-        known as badly as from that many draws.
+        If a few weights make up most of the variance, it is smaller than `effective`. The variance
+        is then known only as well as from this number of draws.
         """
         return subset_estimate.count_effective(np.square(self.weights))
 
@@ -133,11 +133,13 @@ class MixtureResult(NamedTuple):
     def cv(self) -> float:
         """Coefficient of variation of `probability`.
 
-        Rare heavy weights are often missing among the draws, and their variance with them. So the
-        mean square of the largest weights is at least that of the distribution fitted to them, and
-        the variance at least that of the weights at the chains' ends: the mean of weights over
-        failures is E_q[w²] / P. In a region that q half lost they are heavy, and its draws are few.
-        Ends that a fit has seen are lighter, but more of them: a region may have no other.
+        Rare heavy weights are often missing among the draws, and their variance with them. So two
+        lower bounds apply. The mean square of the largest weights is taken to be at least the mean
+        square of the distribution fitted to them. The variance is taken to be at least the variance
+        from the weights at the chains' ends, because the mean of weights over failures is E_q[w²] /
+        P. In a region that q half lost, these weights are heavy, and draws are few. Ends that a fit
+        has seen have lighter weights, but there are more of them, and a region may have only such
+        ends.
         """
         squares = np.square(np.sort(self.weights))
         total = float(squares.sum())
@@ -150,7 +152,7 @@ class MixtureResult(NamedTuple):
 
 
 def find_upper_mean(weights: Array) -> float:
-    """Return the mean of a few weights, and STANDARD_ERRORS of it more."""
+    """Return the mean of a few weights plus `STANDARD_ERRORS` standard errors."""
     if len(weights) < 2:
         return float(weights.sum())
     error = float(weights.std(ddof=1)) / sqrt(len(weights))
@@ -175,21 +177,22 @@ class MixtureSampling:
 
     Args:
         shape: steps and channels of the noise.
-        budget: episodes to be requested at most.
-        components: fitted components of the mixture at most.
+        budget: maximum number of requested episodes.
+        components: maximum number of fitted components of the mixture.
         seed: seed of every draw.
 
     Attributes:
-        size: values of noise of an episode.
-        episodes_run: episodes whose robustness is known.
-        found_failures: failures of the noise at all scales; None before all of it was run.
-        are_failures_rare: whether fewer draws of p(z) failed than make a search worthwhile.
-        promised: effective number of failures that the second trial lets expect of the last draws;
-            None before.
-        result: what the last draws say; None before the end, and if there are none.
-        successor: estimator that has the rest of the budget if no mixture was fitted, or if its
-            trial promises too little: subset simulation; plain draws if failures are not rare or
-            the rest is too small for it.
+        size: number of noise values of an episode.
+        episodes_run: number of episodes with known robustness.
+        found_failures: number of failures of the noise at all scales; None before all scales were
+            run.
+        are_failures_rare: whether so few draws from p(z) failed that a search is worthwhile.
+        promised: effective number of failures to expect from the last draws, by the second trial;
+            None before the trial.
+        result: result of the last draws; None before the end, and without last draws.
+        successor: estimator for the rest of the budget if no mixture was fitted, or if its trial
+            promises too little. It is a subset simulation, or plain draws if failures are not rare
+            or if the rest is too small for a subset simulation.
     """
 
     def __init__(
@@ -212,7 +215,7 @@ class MixtureSampling:
         )
 
     def run(self) -> Requests:
-        """Find the regions, fit the mixture, and draw from it. To be called once."""
+        """Find the regions, fit the mixture, and draw from it. Call this once."""
         wide, scale = yield from self._draw_wide_noise()
         failures = np.concatenate([draws.z[draws.failed] for draws in wide])
         self.found_failures = len(failures)
@@ -251,8 +254,8 @@ class MixtureSampling:
     def _hand_on(self) -> Requests:
         """Give the rest of the budget to another estimator.
 
-        Whether it is given does not depend on the last draws, which there are none of: the choice
-        between two estimators by their answers would make both biased.
+        This decision never depends on last draws, which do not exist yet: choosing between two
+        estimators by their results would bias both.
         """
         self.successor = self._choose_successor(self._budget - self._requested)
         yield from self.successor.run()
@@ -280,7 +283,7 @@ class MixtureSampling:
         return robustness
 
     def _draw_wide_noise(self) -> Generator[Batches, Array, tuple[list[ProposalDraws], float]]:
-        """Draw noise at every scale, and more at the one that suits; return all, and that scale."""
+        """Draw noise at every scale, and more at the best; return all draws and the best scale."""
         count = max(int(SCALE_SHARE * self._budget), FEWEST_DRAWS)
         proposals = [gaussian_mixture.make_scaled_proposal(self.size, scale) for scale in SCALES]
         wide = []
@@ -295,10 +298,10 @@ class MixtureSampling:
         return [*wide, more], SCALES[chosen]
 
     def _move_chains(self, failures: Array) -> Generator[Batches, Array, Array]:
-        """Lead failures of wider noise to where p(z | failure) is large; return the chains' ends.
+        """Lead failures of wider noise to large p(z | failure); return the ends of the chains.
 
-        Moves leave p(z) invariant and are accepted where the episode still fails. They alternate
-        between preconditioned Crank–Nicolson's and new draws of random values of z.
+        Moves leave p(z) invariant, and are accepted if the episode still fails. They alternate
+        between preconditioned Crank–Nicolson moves and redraws of random values of z.
         """
         rng, budget = self._rng, int(CHAIN_SHARE * self._budget)
         # Rather fewer chains than too few moves of each: a short chain still shows the wide
@@ -325,9 +328,9 @@ class MixtureSampling:
     def _refit(
         self, seen: Sequence[ProposalDraws], broad: Sequence[gaussian_mixture.NormalComponent]
     ) -> gaussian_mixture.MixtureProposal | None:
-        """Return a mixture that is fitted to all weighted failures; None of too few.
+        """Return a mixture that is fitted to all weighted failures; None if there are too few.
 
-        If a few failures hold most of the weight, all weights are raised to a power below 1.
+        If a few failures have most of the weight, all weights are raised to a power below 1.
         """
         z, log_weights = weigh_by_balance(seen)
         if len(z) < FEWEST_FITTED:
@@ -344,7 +347,7 @@ class MixtureSampling:
 
 
 def count_needed(values: int) -> int:
-    """Return the effective number of failures that an estimate takes, for values of noise."""
+    """Return the effective number of failures that an estimate needs, for `values` noise values."""
     return max(FEWEST_EFFECTIVE, values)
 
 
@@ -359,7 +362,7 @@ def count_effective_failures(draws: ProposalDraws) -> float:
 
 
 def weigh_by_balance(seen: Sequence[ProposalDraws]) -> tuple[Array, Array]:
-    """Return the failures of several proposals, (n, size), with their log weights, (n,).
+    """Return the failures of several proposals, (n, size), and their log weights, (n,).
 
     The weight is p(z) ÷ sum_j n_j · q_j(z), with n_j draws of proposal j (the balance heuristic).
     """
@@ -372,18 +375,19 @@ def weigh_by_balance(seen: Sequence[ProposalDraws]) -> tuple[Array, Array]:
 
 
 def make_result(last: ProposalDraws, count: int, ends: Array, is_held_out: Mask) -> MixtureResult:
-    """Return what the last draws say, and whether they cover failures that no fit has seen.
+    """Return the result of the last draws, with their coverage of failures that no fit has seen.
 
-    Over failures, the mean of p / q is E_q[w²] / P. At a failure that q hardly reaches it is much
-    larger: in a region that was lost, and in high dimensions nearly everywhere, where few failures
-    leave their means uncertain. The weights of the draws themselves show neither.
+    Over failures, the mean of p / q is E_q[w²] / P. At a failure that q hardly reaches, p / q is
+    much larger. This happens in a lost region. It happens nearly everywhere in high dimensions, if
+    the means of components are uncertain because failures are few. The weights of the draws
+    themselves show neither case.
 
     Args:
-        last: draws of the last mixture that ran.
-        count: number of its draws, with those that errored. Errors are more frequent where the
-            mixture draws than under p(z), so that they cannot be left out of the mean.
+        last: draws of the last mixture that ran, without errored ones.
+        count: number of the mixture's draws, including errored draws. Errors are more frequent
+            under the mixture than under p(z), so they cannot be left out of the mean.
         ends: ends of all chains, shape (n, size).
-        is_held_out: which of them were kept from every fit, shape (n,).
+        is_held_out: mask of the ends that were kept from every fit, shape (n,).
     """
     prior = gaussian_mixture.make_prior_proposal(ends.shape[1])
     failures = last.z[last.failed]
@@ -402,11 +406,11 @@ class WeightTail(NamedTuple):
     """A generalised Pareto distribution of the largest weights.
 
     Attributes:
-        size: number of these weights.
-        start: value that they exceed.
-        scale: its scale.
-        shape: its shape, of which values above 0.7 say that the sum of the weights is not to be
-            trusted, whatever its variance says (Vehtari et al. 2024).
+        size: number of weights in the tail.
+        start: value that the weights of the tail exceed.
+        scale: scale of the distribution.
+        shape: shape of the distribution. Above 0.7, the sum of the weights cannot be trusted, even
+            if its variance is small (Vehtari et al. 2024).
     """
 
     size: int
@@ -415,7 +419,7 @@ class WeightTail(NamedTuple):
     shape: float
 
     def find_mean_square(self) -> float:
-        """Return the mean square of such weights, of a shape held within the bounds."""
+        """Return the mean square of the tail's weights, with the shape limited to its bounds."""
         shape = min(max(self.shape, LEAST_SHAPE), LARGEST_SHAPE)
         mean = self.scale / (1.0 - shape)
         square = 2.0 * self.scale * mean / (1.0 - 2.0 * shape)
@@ -429,9 +433,9 @@ FEWEST_IN_TAIL = 5
 
 
 def fit_tail(weights: Array) -> WeightTail | None:
-    """Return the distribution of the largest weights; None of too few.
+    """Return the distribution of the largest weights; None if there are too few.
 
-    The estimator is that of Zhang and Stephens (2009, Technometrics 51, 316–325), with the prior of
+    The estimator is from Zhang and Stephens (2009, Technometrics 51, 316–325), with the prior of
     Vehtari et al.
     """
     ordered = np.sort(weights)

@@ -1,23 +1,22 @@
 """The probability of a rare failure by adaptive multilevel splitting, inside episodes.
 
-A run holds n episodes. Again and again those whose importance stayed lowest are given up, at least
-a fixed share of them, and each is replaced by a continuation of another one: it has the noise of
-that episode up to the step after which its importance first exceeded the level, and new noise from
-then on. Once enough episodes fail, P(failure) is estimated by (share that was kept at the first
-level) · (share kept at the second) · … · (share of the last episodes that failed). That is
+A run holds n episodes. At each level, the episodes with the lowest maximum importance are given up,
+at least a fixed share of them. Each of them is replaced by a continuation of another episode. The
+continuation has the same noise up to the step after which the importance first exceeded the level,
+and new noise from then on. Once enough episodes fail, P(failure) is estimated as (share kept at the
+first level) · (share kept at the second) · … · (share of failures among the last episodes). It is
 unbiased for any importance function, any n and any share, as long as all episodes at or below the
-level are given up, ties included. A bad importance function costs variance.
-Source: Cérou and Guyader 2007, Stochastic Analysis and Applications 25 (2), 417–443; unbiased:
-Bréhier, Gazeau, Goudenège, Lelièvre and Rousset 2016, Annals of Applied Probability 26 (6),
-3559–3601 (theorem 4.1).
+level are given up, ties included. A bad importance function costs variance. Source: Cérou and
+Guyader 2007, Stochastic Analysis and Applications 25 (2), 417–443; unbiased: Bréhier, Gazeau,
+Goudenège, Lelièvre and Rousset 2016, Annals of Applied Probability 26 (6), 3559–3601 (theorem 4.1).
 
-The failures at the end descend from few of the first episodes. Those that descend from one first
-episode are a family. Families are nearly independent, so that their effective number E, over all
-runs, gives an error of sqrt(1 / E) (Lee and Whiteley 2018, Biometrika 105, 609–625). The
-differences between the runs give an error too. Either is too small where the importance function is
-imperfect: where all of a few skewed runs missed what is rare, estimate and errors are too small
-together. So both are added up, which makes the interval too wide, by a factor of up to sqrt(2) on
-the scale of logarithms, where the importance is good.
+The final failures descend from few of the first episodes. All failures that descend from one first
+episode are a family. Families are nearly independent, so their effective number E, over all runs,
+gives an error of sqrt(1 / E) (Lee and Whiteley 2018, Biometrika 105, 609–625). The differences
+between the runs give a second error. If the importance function is imperfect, either error is too
+small: if all of a few skewed runs miss the rare part, estimate and errors are too small together.
+So both errors are added up. With a good importance function, this makes the interval too wide, by a
+factor of up to sqrt(2) on the logarithmic scale.
 """
 
 from collections.abc import Sequence
@@ -34,13 +33,13 @@ from eigenfail_services.statistics.subset_estimate import count_effective
 
 
 class SplittingCounts(NamedTuple):
-    """Numbers of a run that its arrays do not hold.
+    """Numbers of a run besides its arrays.
 
     Attributes:
-        waves: number of waves that were run.
-        log_kept: logarithm of the product of the shares that were kept at the levels.
-        unfaithful: continuations whose importance did not exceed the level that the episode they
-            continue had exceeded: the simulation did not repeat itself.
+        waves: number of completed waves.
+        log_kept: logarithm of the product of the kept shares over all levels.
+        unfaithful: number of continuations that stayed at or below the level, although the
+            continued episode exceeded it: the simulation did not repeat itself.
     """
 
     waves: int = 0
@@ -49,15 +48,15 @@ class SplittingCounts(NamedTuple):
 
 
 class SplittingWave(NamedTuple):
-    """The episodes of a run that are to be run next.
+    """The next episodes of a run.
 
     Attributes:
         level: importance at or below which episodes were given up.
-        rows: places of these among the episodes of the run, shape (m,).
-        z: noise of those that replace them, shape (m, steps, channels).
-        courses: courses of the episodes that they continue, up to the step at which these exceeded
-            the level, and constant from there on; shape (m, steps).
-        families: families of the episodes that they continue, shape (m,).
+        rows: places of the given-up episodes in the run, shape (m,).
+        z: noise of the replacing episodes, shape (m, steps, channels).
+        courses: courses of the continued episodes up to the step that exceeds the level, and
+            constant from then on; shape (m, steps).
+        families: families of the continued episodes, shape (m,).
     """
 
     level: float
@@ -68,24 +67,24 @@ class SplittingWave(NamedTuple):
 
 
 class SplittingRun:
-    """One run: its episodes, and those that are to be run next.
+    """One run: its present episodes, and the next episodes to run.
 
-    All draws follow from the seed and the number of the wave, so that arrays and counts are the
-    whole state of a run.
+    All draws follow from the seed and the number of the wave, so arrays and counts are the whole
+    state of a run.
 
     Attributes:
         z: noise of the present episodes, shape (n, steps, channels), float32.
         courses: largest importance so far after each step, shape (n, steps), float32; infinite from
             the collision on.
-        families: number of the first episode from which each one descends, shape (n,).
+        families: number of the first episode that each episode descends from, shape (n,).
         counts: other numbers of the state.
         wave: episodes to be run next; None after the end.
         probability: estimate of P(failure); None before the end.
 
     Args:
         seed: seed of every draw.
-        shape: number of episodes, of their steps, and of the channels of the noise.
-        given_up: least share of the episodes that is given up at a level.
+        shape: number of episodes, of steps and of channels.
+        given_up: minimum share of the episodes that is given up at a level.
     """
 
     def __init__(self, seed: Sequence[int], shape: tuple[int, int, int], given_up: float) -> None:
@@ -108,18 +107,18 @@ class SplittingRun:
         families: NDArray[np.int64],
         counts: SplittingCounts,
     ) -> None:
-        """Go on from a state."""
+        """Continue from a state."""
         self.z, self.courses, self.families, self.counts = z, courses, families, counts
         if counts.waves:
             self.wave = self._choose_wave()
 
     def add(self, importances: Sequence[Floats | None], failed: Sequence[bool]) -> None:
-        """Take in the episodes of the wave, and choose the next ones.
+        """Add the results of the wave, and choose the next episodes.
 
         Args:
-            importances: importance after each step of each episode, shape (up to steps,); None of
-                an episode that errored: it counts as one that comes no closer to a collision.
-            failed: whether each ended in a collision.
+            importances: importance after each step of each episode, shape (up to steps,). None for
+                an errored episode, which counts as coming no closer to a collision.
+            failed: whether each episode ended in a collision.
         """
         wave, counts, n = self.wave, self.counts, len(self.z)
         if wave is None:
@@ -139,7 +138,7 @@ class SplittingRun:
         self.wave = self._choose_wave()
 
     def _choose_wave(self) -> SplittingWave | None:
-        """Return continuations in place of the lowest episodes; end the run if there are none."""
+        """Return continuations to replace the lowest episodes; end the run if none are possible."""
         highest = self.courses[:, -1].astype(np.float64)
         level = float(np.sort(highest)[ceil(self._given_up * len(highest)) - 1])
         if level == inf:
@@ -166,7 +165,7 @@ class SplittingRun:
         return SplittingWave(level, rows, z, courses, self.families[parents])
 
     def divide_by_families(self) -> Array | None:
-        """Return the part of `probability` that descends from each first episode, shape (n,).
+        """Return the part of `probability` from each first episode's descendants, shape (n,).
 
         None before the end.
         """
@@ -190,8 +189,9 @@ def make_course(importance: Floats, collided: bool, steps: int) -> Floats:
 
     Args:
         importance: importance after each step of the episode, shape (up to steps,).
-        collided: whether it ended in a collision: from its last step on the course is infinite.
-        steps: length of the course; after the end of the episode it stays as it is.
+        collided: whether the episode ended in a collision; the course is then infinite from its
+            last step on.
+        steps: length of the course, which is constant after the end of the episode.
     """
     course = np.full(steps, -np.inf, np.float32)
     course[: len(importance)] = np.nan_to_num(importance, nan=-np.inf, neginf=-np.inf)
@@ -206,9 +206,10 @@ class PooledRuns(NamedTuple):
     """Mean of independent runs.
 
     Attributes:
-        probability: mean of their estimates, those of runs that died out among them, which are 0.
-        cv: coefficient of variation of that mean, with the variance that the families state and
-            that which the differences between the runs state; infinite without a failure.
+        probability: mean of the runs' estimates; runs that died out count as 0.
+        cv: coefficient of variation of the mean. Its variance is the sum of the variance from the
+            families and the variance from the differences between the runs. Infinite without a
+            failure.
         families: effective number of the families of the failures, over all runs.
         reached: number of runs that reached failures.
     """
@@ -223,7 +224,7 @@ def pool_runs(parts: Sequence[Array]) -> PooledRuns:
     """Return the mean of the estimates of at least two independent runs, with its variation.
 
     Args:
-        parts: part of each run's estimate that descends from each of its first episodes.
+        parts: part of each run's estimate from the descendants of each first episode.
     """
     found = [float(one.sum()) for one in parts]
     mean = fmean(found)

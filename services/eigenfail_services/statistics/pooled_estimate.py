@@ -1,8 +1,8 @@
 """One failure probability from independent estimates or independent subset simulations.
 
-A simulation misses the kinds of failures that none of its first draws leads to, and its own
-interval cannot show that. Two simulations miss different kinds: where they disagree by more than
-their intervals allow for, no number is given.
+A simulation misses kinds of failures that none of its first draws leads to, and its own interval
+cannot show this. Two simulations miss different kinds. If they disagree by more than their
+intervals allow, no number is given.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ DISAGREEMENT = 0.9995
 def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
     """Return the mean of independent estimates, each weighted by its episodes.
 
-    Weights by the estimates' own variances would favour the small ones: where failures are rare, an
-    estimate that is too low comes with too small a variance. The interval is log-normal around the
-    mean, as that of subset simulation; an estimate of 0 or without a variation leaves it open.
-    The mean of lower bounds is a lower bound and has no interval: that they agree proves nothing,
-    since all may miss the same failures.
+    Weights by the estimates' own variances would favour small estimates: if failures are rare, an
+    estimate that is too low also has too small a variance. The interval is log-normal around the
+    mean, as in subset simulation. If an estimate lacks a coefficient of variation, or if the mean
+    is 0, the interval is missing. The mean of lower bounds is a lower bound without an interval:
+    their agreement proves nothing, since all may miss the same failures.
 
     Args:
-        estimates: at least one. If one of them has no number, neither has the whole.
+        estimates: at least one. If one estimate lacks a number, so does the result.
     """
     episodes = sum(one.episodes for one in estimates)
     for number, one in enumerate(estimates):
@@ -73,8 +73,8 @@ def disagree(found: Sequence[tuple[float, float, float]]) -> bool:
     """Return whether two estimates lie further apart than 99.9 % of pairs with their variations.
 
     Args:
-        found: probability, above 0, coefficient of variation, and effective number of samples from
-            which that was estimated (infinite if it is known), of each.
+        found: for each estimate, the probability (above 0), its coefficient of variation, and the
+            effective number of samples behind the coefficient (infinite if it is known).
     """
     logs = [(log(p), log1p(cv**2), effective) for p, cv, effective in found]
     return any(
@@ -89,7 +89,8 @@ def combine_cvs(
 ) -> float | None:
     """Return the coefficient of variation of a weighted mean of independent estimates.
 
-    The larger of what they say of themselves and of how far they lie apart.
+    It is the larger of two values: from the estimates' own variations, and from their distance to
+    each other.
     """
     known = [cv for cv in cvs if cv is not None]
     mean = sum(p * weight for p, weight in zip(found, weights, strict=True))
@@ -136,16 +137,16 @@ def pool_simulations(
     episodes: int,
     wide: subset_simulation.WideEstimate | None = None,
 ) -> Estimate:
-    """Return the estimate of runs over the same levels that have all ended.
+    """Return the pooled estimate of ended runs over the same levels.
 
-    The share of each level is that of the samples of all runs, each run weighted by its first
-    draws. If runs differ much, the product of these shares has a smaller error than the mean of
-    the runs' products; its variation is that of the mean.
+    The share of each level pools the samples of all runs, with each run weighted by its first
+    draws. If runs differ much, the product of pooled shares has a smaller error than the mean of
+    the runs' products. Its variation is estimated by the variation of this mean.
 
     Args:
-        found: result of each of them; at least one, that of the run that chose the levels first.
-        episodes: number of episodes of these runs.
-        wide: estimate of the same probability from wide noise, if there is one.
+        found: result of each run, at least one; the run that chose the levels comes first.
+        episodes: number of episodes of all runs.
+        wide: estimate of the same probability from wide noise; None without it.
     """
     reached = [one for one in found if one.probability is not None]
     if not reached:
@@ -187,13 +188,13 @@ def _describe_doubt(
     effective: float,
     wide: subset_simulation.WideEstimate | None,
 ) -> str:
-    """Return why a pooled estimate is not stated; empty if it is.
+    """Return why a pooled estimate is not stated; empty if it is stated.
 
     Args:
-        probability: the estimate.
+        probability: pooled estimate.
         interval: its interval.
         effective: effective number of first draws.
-        wide: estimate of the same probability from wide noise, if there is one.
+        wide: estimate of the same probability from wide noise; None without it.
     """
     if wide and wide.without_largest > FAR_ABOVE * interval.high:
         return (
@@ -211,7 +212,7 @@ def _describe_doubt(
 
 
 def _multiply_pooled_shares(found: Sequence[subset_estimate.SubsetEstimate]) -> float:
-    """Return the product of the shares of the levels, each of the samples of all runs on it."""
+    """Return the product of the levels' shares, each pooled over the samples of all runs."""
     shares = []
     for number in range(max(len(one.levels) for one in found)):
         # A run that died out has a share of 0 at its last level, and no samples below that.
@@ -224,8 +225,8 @@ def _multiply_pooled_shares(found: Sequence[subset_estimate.SubsetEstimate]) -> 
 def _find_cvs(found: Sequence[subset_estimate.SubsetEstimate]) -> list[float]:
     """Return the coefficient of variation of each run.
 
-    The lineages of the first run hide a part of its error, since it chose its levels itself. It is
-    at least as uncertain as the other runs would be with its number of first draws.
+    The lineages of the first run hide a part of its error, since it chose its levels itself. So its
+    coefficient is at least as large as for later runs with the same number of first draws.
     """
     first, *others = found
     of_others = [one.cv * sqrt(one.draws / first.draws) for one in others]
@@ -259,11 +260,11 @@ ALL_ERRORED = "Every episode errored: correct what raised."
 def estimate_unfinished(
     simulation: subset_simulation.SubsetSimulation, spent: bool
 ) -> Estimate | None:
-    """Return the estimate of a simulation that has not ended; None before it has a level.
+    """Return the estimate of an unfinished simulation; None before its first level.
 
     Args:
-        simulation: simulation as it stands.
-        spent: whether there will be no more episodes.
+        simulation: simulation in its present state.
+        spent: whether the budget is spent.
     """
     episodes, levels = simulation.trajectories_run, simulation.first.levels
     if spent and not episodes:
@@ -279,7 +280,7 @@ def estimate_unfinished(
 
 
 def estimate_ended(simulation: subset_simulation.SubsetSimulation) -> Estimate:
-    """Return the estimate of a simulation that has ended."""
+    """Return the estimate of an ended simulation."""
     found = [one.result for one in simulation.runs if one.result is not None]
     if not found:
         return _explain_missing_runs(simulation)
@@ -288,9 +289,9 @@ def estimate_ended(simulation: subset_simulation.SubsetSimulation) -> Estimate:
 
 
 def _explain_missing_runs(simulation: subset_simulation.SubsetSimulation) -> Estimate:
-    """Return the estimate of a simulation that ended with its first run, with the reason.
+    """Return the estimate, with the reason, of a simulation that ended with its first run.
 
-    It is that of the plain draws that followed, if there were any.
+    If plain draws followed, it is their estimate.
     """
     first, end = simulation.first, simulation.end
     fewer = f" Set samples to {max(first.draws // 2, subset_simulation.FEWEST_SAMPLES)}." * (
@@ -305,11 +306,11 @@ def _explain_missing_runs(simulation: subset_simulation.SubsetSimulation) -> Est
 def estimate_from_draws(refused: Estimate, counts: subset_simulation.PlainCounts) -> Estimate:
     """Return the estimate of plain draws that followed a refusal, with its reason.
 
-    Errored draws count as no failure in the estimate, and as failures in the upper end.
+    Errored draws count as not failed in the estimate, and as failures in the upper end.
 
     Args:
-        refused: the estimate that has no number.
-        counts: draws of p(z) whose number was fixed before the first of them.
+        refused: estimate without a number.
+        counts: draws from p(z) whose number was fixed beforehand.
     """
     draws, failures, errored = counts
     episodes = refused.episodes + draws - errored

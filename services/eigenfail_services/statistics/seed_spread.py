@@ -1,4 +1,4 @@
-"""Mean, spread and ratio over independent repetitions: the seeds of a search."""
+"""Mean, spread and ratio over independent repetitions, such as the seeds of a search."""
 
 from collections.abc import Sequence
 from math import inf, sqrt
@@ -21,10 +21,11 @@ def measure_spread(
 ) -> SeedFigure:
     """Return mean, standard deviation, range and Student's 95 % interval of the mean.
 
-    mean ± t · s ÷ √n, with t the quantile of Student's distribution with n − 1 degrees of freedom
-    (Student 1908, Biometrika 6, 1–25), cut at the bounds of what a value can be: the mean cannot be
-    outside them, so that cutting loses no coverage. It is exact for normal values. Of shares that
-    are 0 for some seeds and large for others it holds the mean less often.
+    The interval is mean ± t · s ÷ √n, with t the quantile of Student's distribution with n − 1
+    degrees of freedom (Student 1908, Biometrika 6, 1–25). It is cut at the bounds of possible
+    values. The mean cannot be outside them, so the cut loses no coverage. The interval is exact for
+    normal values. For shares that are 0 for some seeds and large for others, it covers the mean
+    less often.
 
     Args:
         values: one of each repetition.
@@ -32,7 +33,7 @@ def measure_spread(
         highest: largest value that is possible.
 
     Raises:
-        InvalidValue: no value.
+        InvalidValue: `values` is empty.
     """
     n = len(values)
     if n < 1:
@@ -59,7 +60,7 @@ def measure_spread(
 
 
 class PairSums(NamedTuple):
-    """Sums over pairs of a price and a number of failures, from which their ratio is found.
+    """Sums over pairs of a price and a number of failures, for computing their ratio.
 
     Attributes:
         n: number of pairs.
@@ -79,7 +80,7 @@ class PairSums(NamedTuple):
 
     @classmethod
     def of(cls, prices: Sequence[float], failures: Sequence[float]) -> "PairSums":
-        """Return the sums of pairs, which stand at the same places."""
+        """Return the sums over pairs of elements at equal places."""
         p, f = np.asarray(prices, np.float64), np.asarray(failures, np.float64)
         sums = (p.sum(), f.sum(), (p * p).sum(), (f * f).sum(), (p * f).sum())
         return cls(len(p), *map(float, sums))
@@ -90,8 +91,8 @@ class Ratio(NamedTuple):
 
     Attributes:
         value: the ratio.
-        interval: its 95 % interval; None if it is open above, or nothing varied.
-        at_least: its lower end; None if the data bound it by nothing above 0.
+        interval: its 95 % interval; None if it is unbounded above, or if nothing varied.
+        at_least: its lower end; None without a lower bound above 0.
     """
 
     value: float
@@ -102,15 +103,15 @@ class Ratio(NamedTuple):
 def find_ratio(sums: PairSums) -> Ratio:
     """Return total price ÷ total failures, with the 95 % interval of E[price] ÷ E[failures].
 
-    Fieller's interval holds all R at which the mean of price − R · failures is within t standard
-    errors of 0: (m_f² − h_ff) R² − 2 (m_p m_f − h_pf) R + m_p² − h_pp ≤ 0, with means m, h = t² ·
-    (co)variance ÷ n and t Student's quantile with n − 1 degrees of freedom. A repetition without a
-    failure is a pair like any other. If the number of failures is not distinguished from 0
-    (m_f² ≤ h_ff), no price is too high: only the lower end is left.
-    Source: Fieller 1954, Journal of the Royal Statistical Society B 16, 175–185.
+    Fieller's interval holds all R for which the mean of price − R · failures is within t standard
+    errors of 0: (m_f² − h_ff) R² − 2 (m_p m_f − h_pf) R + m_p² − h_pp ≤ 0. Here m are means, h = t²
+    · (co)variance ÷ n, and t is Student's quantile with n − 1 degrees of freedom. A repetition
+    without failures is a pair like any other. If the number of failures is not distinguished from 0
+    (m_f² ≤ h_ff), every high price is possible, and only the lower end remains. Source: Fieller
+    1954, Journal of the Royal Statistical Society B 16, 175–185.
 
     Raises:
-        InvalidValue: no failure in any pair.
+        InvalidValue: all pairs are without failures.
     """
     n, price, failures = sums.n, sums.price / sums.n, sums.failures / sums.n
     if failures <= 0.0:

@@ -1,10 +1,10 @@
-"""Trials that ended with their k-th event: the estimate without bias, and the exact interval.
+"""Trials that ended with their k-th event: unbiased estimate and exact interval.
 
-Trials are run in rounds, and the number of events is looked at after each round. A campaign whose
-next round is open by then finishes it, so that the trials have up to three parts: `early` ones,
-after which there were fewer than k events; `deciding` ones, after which there were k; and `late`
-ones that were run all the same. With rounds of one trial and no late one this is inverse sampling
-(Haldane 1945, Biometrika 33, 222–225).
+Trials run in rounds, and a rule looks at the number of events after each round. If the next round
+of a campaign is already open, it is completed. So the trials have up to three parts. After the
+`early` trials, there were fewer than k events. After the `deciding` trials, there were at least k.
+The `late` trials ran afterwards. With rounds of one trial and without late trials, this is inverse
+sampling (Haldane 1945, Biometrika 33, 222–225).
 """
 
 from collections.abc import Callable
@@ -24,15 +24,15 @@ BISECTIONS = 60
 
 
 class StoppedTrials(NamedTuple):
-    """How trials came to their end, under the rule that k events end them.
+    """The end of trials under the rule that k events end them.
 
     Attributes:
-        limit: the number of events that ends the trials.
-        early: trials after which the rule was judged for the last time without holding; 0 if the
-            first look ended the trials, or if there was none.
-        deciding: trials between that look and the one at which the rule held; 0 if it never
-            held: the trials ended with their budget.
-        late: trials after the last look that counted.
+        limit: number of events that ends the trials.
+        early: number of trials up to the last look at which the rule did not hold; 0 if the first
+            look ended the trials, or without looks.
+        deciding: number of trials between this look and the look at which the rule held; 0 if it
+            never held, so that the budget ended the trials.
+        late: number of trials after the last look of the rule.
     """
 
     limit: int
@@ -46,26 +46,27 @@ class StoppedTrials(NamedTuple):
         return self.early + self.deciding + self.late
 
     def allows_doubt(self, found: Rate) -> bool:
-        """Return whether the bounds hold although some trials may be events besides the known ones.
+        """Return whether the bounds hold although some trials may be additional events.
 
-        They do as long as the rule did not hold: the number of trials is then that of the budget.
-        Doubtful trials would have ended others before, so that no exact bounds are known of these.
+        They hold without doubtful trials. They also hold if the rule did not hold, since the budget
+        then sets the number of trials. Otherwise, doubtful trials might have ended the trials
+        earlier, and exact bounds are unknown.
         """
         return found.k < self.limit or not found.errored + found.unresolved
 
     def estimate(self, events: int) -> float | None:
         """Return the unbiased estimate of the probability of an event.
 
-        It is the probability that the first trial was an event, given the end that was reached:
-        of all sequences of trials with this end, the share of those that begin with an event
+        It is the probability that the first trial was an event, given the end of the trials. That
+        is the share, among all sequences with this end, of sequences that begin with an event
         (Girshick, Mosteller and Savage 1946, Annals of Mathematical Statistics 17, 13–23). With
-        rounds of one trial that is (k − 1) ÷ (n − 1), and the plain share where the budget ended
-        the trials before the k-th event. Averaged over all ends, the latter included, it is exactly
-        the probability.
+        rounds of one trial, it is (k − 1) ÷ (n − 1). If the budget ended the trials before the k-th
+        event, it is the plain share. Averaged over all ends, ends by the budget included, it equals
+        the probability exactly.
 
         Returns:
-            None if it is 0 although there were events, as with k = 1: no estimate without bias
-            is of use there.
+            None if it is 0 although there were events, as with k = 1: unbiased estimates are then
+            useless.
         """
         if events < self.limit:
             return events / self.trials
@@ -75,13 +76,15 @@ class StoppedTrials(NamedTuple):
     def find_bounds(self, events: int, tail: float = ERROR / 2.0) -> Interval:
         """Return the exact interval; each side misses the probability with at most `tail`.
 
-        Ends are ordered by their stage, an earlier end speaking for a larger probability, and by
-        their number of events within a stage (Tsiatis, Rosner and Mehta 1984, Biometrics 40,
-        797–803). The bounds are the probabilities at which this end or one further out has the
-        probability `tail`. With rounds of one trial they are the quantiles of Beta(k, n − k + 1)
-        and Beta(k, n − k). If the budget ended the trials before the k-th event, "this many
-        events or more" includes all ends that the rule made, and "this many or fewer" none of
-        them: the bounds are Clopper and Pearson's of a fixed number of trials.
+        Ends are ordered by their stage, with earlier ends for larger probabilities, and within a
+        stage by their number of events (Tsiatis, Rosner and Mehta 1984, Biometrics 40, 797–803).
+        The bounds are the probabilities at which this end, or one further out, has the probability
+        `tail`. With rounds of one trial, they are the quantiles of Beta(k, n − k + 1) and Beta(k, n
+        − k).
+
+        If the budget ended the trials before the k-th event, "this many events or more" includes
+        all ends by the rule, and "this many or fewer" includes none of them. So the bounds are
+        Clopper and Pearson's for a fixed number of trials.
         """
         if events < self.limit:
             return clopper_pearson(events, self.trials)
@@ -112,7 +115,7 @@ def _estimate(end: StoppedTrials, events: int) -> float:
 
 
 def _list_early(end: StoppedTrials, events: int) -> NDArray[np.int64]:
-    """Return the numbers of events in the early trials that may be behind this end."""
+    """Return the possible numbers of events in the early trials, given this end."""
     fewest = max(events - end.deciding - end.late, 0)
     return np.arange(fewest, min(end.limit - 1, end.early) + 1)
 
@@ -126,7 +129,7 @@ def _find_bounds(end: StoppedTrials, events: int, tail: float) -> Interval:
 
 
 def _bisect(is_below: Callable[[float], bool]) -> float:
-    """Return the p up to which a condition holds; 0 or 1 if it never or always does."""
+    """Return the p up to which a condition holds; 0 if it never holds, 1 if it always holds."""
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
@@ -136,7 +139,7 @@ def _bisect(is_below: Callable[[float], bool]) -> float:
 
 
 def _sum_end(end: StoppedTrials, events: int, p: float, *, upper: bool) -> float:
-    """Return the probability of this end, or of one that speaks for a larger or a smaller p."""
+    """Return the probability of this end or of ends for larger (`upper`) or smaller p."""
     from scipy.special import bdtr, bdtrc  # imported late: the API starts sooner without it
 
     # With fewer early events than these, the rule would not have held at the look that ended the
@@ -170,7 +173,7 @@ def _convolve(one: Array, other: Array) -> Array:
 
 
 def _pmf(k: NDArray[np.int64], n: int, p: float) -> Array:
-    """Return the probabilities of k events in n trials; 0 of a k that cannot be."""
+    """Return the probabilities of k events in n trials; 0 for an impossible k."""
     from scipy.special import gammaln, xlog1py, xlogy  # imported late, as above
 
     inside = (k >= 0) & (k <= n)

@@ -1,4 +1,4 @@
-"""The estimate of one subset simulation, from the samples of its levels and their lineages."""
+"""The estimate of one subset simulation, from its levels' samples and their lineages."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -27,9 +27,9 @@ class SubsetLevel(msgspec.Struct, frozen=True):
     """One level.
 
     Attributes:
-        threshold: robustness at or below which a sample is on it.
-        share: probability of that, given the level before.
-        acceptance: share of the moves that were accepted on the level before; 1 on the first.
+        threshold: largest robustness that a sample on the level may have.
+        share: probability of reaching the level, given the level before.
+        acceptance: share of accepted moves on the level before; 1 on the first level.
     """
 
     threshold: float
@@ -41,15 +41,15 @@ class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
     """The result of one run.
 
     Attributes:
-        draws: number of independent first draws, which is that of the samples on a level.
+        draws: number of independent first draws, equal to the number of samples on a level.
         probability: probability of a failure; None if none was reached.
-        cv: coefficient of variation of that product; 0 without it.
-        effective_first_draws: effective number of independent first draws from which the failures
-            descend; 0 without failures.
-        interval: 95 %, log-normal around `probability`; None without it. It knows nothing of a kind
-            of failure of which no sample showed the beginning.
-        distinct_first_draws: number of independent first draws from which the failures descend.
-        trajectories_run: trajectories whose robustness is known.
+        cv: coefficient of variation of `probability`; 0 without a probability.
+        effective_first_draws: effective number of independent first draws that the failures descend
+            from; 0 without failures.
+        interval: 95 % interval, log-normal around `probability`; None without a probability. It
+            does not cover kinds of failure that no sample came near.
+        distinct_first_draws: number of independent first draws that the failures descend from.
+        trajectories_run: number of trajectories with known robustness.
     """
 
     draws: int
@@ -64,10 +64,10 @@ class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def make_level(chains: Chains, threshold: float) -> SubsetLevel:
-    """Return the level at a threshold, and the share of the samples before that reaches it.
+    """Return the level at a threshold, with the share of the previous samples that reach it.
 
-    Draws that errored count in the share of the first level, as none that reaches it: the product
-    of the shares is then the probability of a failure of noise that can be run.
+    In the share of the first level, errored draws count as not reaching it. So the product of the
+    shares is the probability that noise can be run and fails.
     """
     share = float((chains.values <= threshold).mean()) * chains.ran
     return SubsetLevel(threshold, share, chains.acceptance)
@@ -77,7 +77,7 @@ def count_effective(weights: NDArray[np.number]) -> float:
     """Return the effective number of weighted draws: (sum w)² ÷ sum w² (Kish 1965).
 
     Args:
-        weights: weight of each draw, such as the failures that descend from it; not all zero.
+        weights: weight of each draw, such as its number of descending failures; not all zero.
     """
     return float(weights.sum() ** 2 / np.square(weights).sum())
 
@@ -85,8 +85,9 @@ def count_effective(weights: NDArray[np.number]) -> float:
 def estimate_cv(effective: float, draws: int, levels: int) -> float:
     """Return the coefficient of variation of a product of shares over fixed levels.
 
-    1 − (1 − 1 / effective) · (n / (n − 1))^levels is an unbiased estimate of its square, with n
-    first draws (Lee and Whiteley 2018, equation 9). With one level it is the binomial one.
+    With n first draws, 1 − (1 − 1 / effective) · (n / (n − 1))^levels is an unbiased estimate of
+    its square (Lee and Whiteley 2018, equation 9). With one level, it is the binomial coefficient
+    of variation.
     """
     kept = (1.0 - 1.0 / effective) * (draws / (draws - 1.0)) ** levels
     # The estimate of the square may be negative by chance.
@@ -119,7 +120,7 @@ def estimate_from_failures(
 def estimate_without_failures(
     levels: Sequence[SubsetLevel], end: SubsetEnd, draws: int, trajectories_run: int
 ) -> SubsetEstimate:
-    """Return the estimate of a run that reached no failure."""
+    """Return the estimate of a run that did not reach failures."""
     return SubsetEstimate(
         draws=draws,
         probability=None,

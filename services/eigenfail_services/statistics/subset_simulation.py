@@ -1,21 +1,20 @@
 """The probability of a rare failure by subset simulation (Au and Beck 2001).
 
-P(r <= 0) = P(r <= b_1) · P(r <= b_2 | r <= b_1) · … with levels b_1 > b_2 > … of robustness r, each
-low enough that a fixed share of the samples on the level before reaches it.
-Source: Probabilistic Engineering Mechanics 16 (4), 263–277.
+P(r <= 0) = P(r <= b_1) · P(r <= b_2 | r <= b_1) · … with levels b_1 > b_2 > … of robustness r. Each
+level is chosen so that a fixed share of the previous level's samples reaches it. Source:
+Probabilistic Engineering Mechanics 16 (4), 263–277.
 
 A trajectory is the noise z of one episode, shape (steps, channels). It is requested when a
-simulation yields it in a batch, and it was run when its robustness is sent back; NaN is sent where
-its episode errored, and it was not run then. A sample is a trajectory that counts on a level: a
-Markov chain whose move was not accepted has the same trajectory as two samples, so that a level may
-have more samples than trajectories were requested for it.
+simulation yields it in a batch. It was run when its robustness is sent back. If its episode
+errored, NaN is sent, and the trajectory counts as not run. A sample is a trajectory that counts on
+a level. If the move of a Markov chain is not accepted, two of its samples have the same trajectory.
+So a level may have more samples than requested trajectories.
 
-The first run chooses the levels from its own samples. The other runs go over these levels with all
-of the budget that is left. Their levels are fixed before they begin, so that the product of their
-shares is unbiased whatever the first run found, and the lineages of their samples tell its variance
-(Cérou et al. 2012, Statistics and Computing 22, 795–808; Lee and Whiteley 2018, Biometrika 105,
-609–625). Levels that a run chooses from its own samples bias it a little, and hide a part of its
-error.
+The first run chooses the levels from its own samples. Later runs repeat these levels with the rest
+of the budget. Their levels are fixed before they begin. So the product of their shares is unbiased,
+independently of the first run's results, and the lineages of their samples give its variance (Cérou
+et al. 2012, Statistics and Computing 22, 795–808; Lee and Whiteley 2018, Biometrika 105, 609–625).
+Levels that a run chooses from its own samples bias it a little, and hide a part of its error.
 """
 
 from collections.abc import Generator, Sequence
@@ -66,50 +65,50 @@ class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 2
 
     def count_fewest_trajectories(self) -> int:
-        """Return the smallest budget that allows the fewest samples over the planned levels."""
+        """Return the smallest budget for `FEWEST_SAMPLES` samples on each planned level."""
         first = ceil(FEWEST_SAMPLES * self._count_trajectories_per_draw(PLANNED_LEVELS))
         return first + self.count_reserved(PLANNED_LEVELS)
 
     def count_reserved(self, levels: int) -> int:
-        """Return the trajectories that the runs after the first one need for a number of levels."""
+        """Return the number of trajectories that later runs need for a number of levels."""
         return (self.runs - 1) * levels * FEWEST_SAMPLES
 
     def choose_first_draws(self, budget: int) -> int:
-        """Return the first draws of the first run, for a budget of trajectories of all runs."""
+        """Return the number of first draws of the first run, for a budget of all runs."""
         part = FIRST_PART * budget / max(self.runs, 2)
         most = budget - self.count_reserved(PLANNED_LEVELS)
         return max(self.choose_draws(min(part, most), PLANNED_LEVELS), FEWEST_SAMPLES)
 
     def count_chains(self, budget: int) -> int:
-        """Return the chains on each level of the first run, for a budget of all runs."""
+        """Return the number of chains on each level of the first run, for a budget of all runs."""
         return ceil(self.level_share * self.choose_first_draws(budget))
 
     def choose_draws(self, trajectories: float, levels: int) -> int:
-        """Return the first draws of a run, for its trajectories and number of levels."""
+        """Return the number of first draws of a run, for its trajectories and number of levels."""
         affordable = int(trajectories / self._count_trajectories_per_draw(levels))
         return min(affordable, self.samples or affordable)
 
     def _count_trajectories_per_draw(self, levels: int) -> float:
-        """Return the trajectories of a run for each of its first draws; starts are not rerun."""
+        """Return the number of trajectories of a run per first draw; starts are not rerun."""
         return 1.0 + (levels - 1) * (1.0 - self.level_share)
 
 
 class FirstRun:
     """A subset simulation that chooses its levels from its own samples.
 
-    Every sample that reaches a level is the start of a chain.
+    Every sample that reaches a level starts a chain.
 
     Attributes:
         draws: number of independent first draws.
-        levels: levels that were found so far; the last one is 0 once failures were reached.
+        levels: levels found so far; the last level is 0 once failures were reached.
         chains: samples of the last level, once failures were reached; None before that.
         result: estimate, once failures were reached; None before that.
 
     Args:
         shape: steps and channels of the noise.
-        max_trajectories: trajectories of all runs to be requested at most.
+        max_trajectories: maximum number of requested trajectories of all runs.
         settings: settings of the simulation.
-        sampler: sampler of this run alone.
+        sampler: sampler that only this run uses.
     """
 
     def __init__(
@@ -129,7 +128,7 @@ class FirstRun:
         self.result: subset_estimate.SubsetEstimate | None = None
 
     def run(self) -> Generator[batches.Batches, batches.Array, subset_estimate.SubsetEnd]:
-        """Descend the levels. To be called once."""
+        """Descend the levels. Call this once."""
         settings, sampler = self._settings, self._sampler
         chains = yield from sampler.draw_independent(self.draws, self._shape)
         threshold = _find_next_threshold(chains.values, inf, settings.level_share)
@@ -156,7 +155,7 @@ class FirstRun:
         )
 
     def _count_free(self) -> int:
-        """Return the number of trajectories left for a level, without those of the other runs."""
+        """Return the number of trajectories left for a level, minus the reserve of later runs."""
         reserved = self._settings.count_reserved(len(self.levels) + 1)
         return self._max_trajectories - self._sampler.trajectories_requested - reserved
 
@@ -164,22 +163,22 @@ class FirstRun:
 class LevelRun:
     """An estimate of P(robustness <= 0) over given levels, with a given number of trajectories.
 
-    Every sample that reaches a level is the start of a chain. Each level but the last has as many
-    samples as there are first draws, the last one has what is left of the trajectories.
+    Every sample that reaches a level starts a chain. Each level except the last has as many samples
+    as there are first draws. The last level uses the remaining trajectories.
 
     Attributes:
-        levels: levels that were passed so far.
+        levels: levels passed so far.
         chains: samples of the last level, once failures were reached; None before that.
         draws: number of independent first draws.
-        max_trajectories: trajectories that it requests at most.
+        max_trajectories: maximum number of trajectories that the run requests.
         result: estimate, after the end.
 
     Args:
         shape: steps and channels of the noise.
-        thresholds: levels, each below the one before; the last is 0. [m]
-        max_trajectories: trajectories to be requested at most.
+        thresholds: decreasing levels; the last level is 0. [m]
+        max_trajectories: maximum number of trajectories available to the run.
         settings: settings of the simulation.
-        sampler: sampler of this run alone.
+        sampler: sampler that only this run uses.
     """
 
     def __init__(
@@ -200,7 +199,7 @@ class LevelRun:
         self.result: subset_estimate.SubsetEstimate | None = None
 
     def run(self) -> batches.Requests:
-        """Go through the levels. To be called once."""
+        """Go through the levels. Call this once."""
         sampler = self._sampler
         chains = yield from sampler.draw_independent(self.draws, self._shape)
         for number, threshold in enumerate(self._thresholds, start=1):
@@ -240,8 +239,9 @@ class WideEstimate(NamedTuple):
     """Estimates of a probability from the weights p(z) ÷ q(z) of failures among draws from q.
 
     Attributes:
-        probability: their sum ÷ number of draws, which is unbiased. A single weight may dominate.
-        without_largest: the same without the largest weight, which is too low on average.
+        probability: sum of the weights ÷ number of draws. It is unbiased, but a single weight may
+            dominate.
+        without_largest: the same without the largest weight; too low on average.
     """
 
     probability: float
@@ -251,12 +251,12 @@ class WideEstimate(NamedTuple):
 class WideNoise:
     """An estimate of P(robustness <= 0) from independent draws of N(0, s²·I), s > 1.
 
-    It is unbiased (importance sampling), and has a large error. It shows failures of which no
-    sample of p(z) came near: chains pass by them wherever robustness falls faster elsewhere.
+    It is unbiased (importance sampling) but has a large error. It shows failures that samples of
+    p(z) never come near: chains miss them if robustness falls faster elsewhere.
 
     Attributes:
-        trajectories_run: trajectories whose robustness is known.
-        estimate: what the failures among the draws say; None before the end.
+        trajectories_run: number of trajectories with known robustness.
+        estimate: estimate from the failures among the draws; None before the end.
 
     Args:
         draws: number of draws.
@@ -272,7 +272,7 @@ class WideNoise:
         self.estimate: WideEstimate | None = None
 
     def run(self) -> batches.Requests:
-        """Draw all trajectories at once. To be called once."""
+        """Draw all trajectories at once. Call this once."""
         size = prod(self._shape)
         # The mean of |z|² is size · scale², hence size + WIDE_REACH².
         scale = sqrt(1.0 + WIDE_REACH**2 / size)
@@ -293,13 +293,13 @@ class WideNoise:
 
 
 class PlainDraws:
-    """Draws of p(z) with what is left of a budget, after an estimator that gave no number.
+    """Draws from p(z) with the rest of a budget, after an estimator that gave no number.
 
-    They are new, and their number was fixed before the first of them: their share of failures is
-    unbiased, whatever the estimator found.
+    The draws are new, and their number was fixed beforehand. So their share of failures is
+    unbiased, independently of the estimator's results.
 
     Attributes:
-        counts: what became of them; None before the end.
+        counts: counts of the draws by outcome; None before the end.
 
     Args:
         draws: number of draws.
@@ -314,7 +314,7 @@ class PlainDraws:
         self.counts: PlainCounts | None = None
 
     def run(self) -> batches.Requests:
-        """Draw all trajectories, a part at a time. To be called once."""
+        """Draw all trajectories, a part at a time. Call this once."""
         counts = PlainCounts()
         while left := self._draws - counts.draws:
             z = self._rng.standard_normal((min(left, PLAIN_PART), *self._shape))
@@ -328,7 +328,7 @@ class PlainDraws:
 
 
 class PlainCounts(NamedTuple):
-    """Draws of p(z): how many, how many of them failed, and how many errored."""
+    """Numbers of draws from p(z), of failures and of errors."""
 
     draws: int = 0
     failures: int = 0
@@ -344,23 +344,24 @@ class SubsetSimulation:
 
     The same seed and robustness give the same estimate.
 
-    With `parallel`, no chain waits for those of another group or run, except at the end of a level,
-    whose samples are the starts of the next one.
+    With `parallel`, chains do not wait for other groups or runs, except at the end of a level,
+    whose samples start the chains of the next level.
 
     Args:
         shape: steps and channels of the noise.
-        budget: trajectories to be requested at most.
+        budget: maximum number of requested trajectories.
         settings: settings of the simulation.
         seed: seed of every draw.
-        parallel: trajectories that are to run at a time; None for waves, in which every chain of
-            all runs moves once.
+        parallel: number of trajectories to run at a time; None for waves, which move every chain of
+            all runs once.
 
     Attributes:
         first: run that chooses the levels.
-        end: end of the first run; None before.
-        runs: all runs, the first run before the others, once that has reached failures; else empty.
-        wide: run of wide noise; None before the end of the first run, and if none is drawn.
-        plain: draws of p(z) with what the first run has left, where it reached no failure.
+        end: reason why the first run ended; None before its end.
+        runs: all runs, the first run first, once it has reached failures; otherwise empty.
+        wide: run of wide noise; None before the end of the first run, or without wide noise.
+        plain: draws from p(z) with the rest of the budget, if the first run did not reach failures;
+            otherwise None.
     """
 
     def __init__(
@@ -386,9 +387,9 @@ class SubsetSimulation:
 
     @property
     def trajectories_run(self) -> int:
-        """Number of trajectories whose robustness is known so far, of all runs.
+        """Number of trajectories with known robustness so far, over all runs.
 
-        Plain draws are not among them.
+        Plain draws are not included.
         """
         wide = self.wide.trajectories_run if self.wide else 0
         return wide + sum(each.trajectories_run for each in self._samplers)
@@ -396,8 +397,8 @@ class SubsetSimulation:
     def run(self) -> batches.Requests:
         """Request the trajectories of all runs.
 
-        To be called once; `runs` then have the results. There are none if the first run reached
-        no failure: what is left of the budget is then drawn from p(z).
+        Call this once; afterwards `runs` have the results. If the first run does not reach
+        failures, `runs` stays empty, and the rest of the budget is drawn from p(z).
         """
         self.end = yield from self.first.run()
         settings, thresholds = self._settings, [level.threshold for level in self.first.levels]
@@ -452,9 +453,9 @@ def simulate_subsets(
     settings: SubsetSettings,
     seed: int,
 ) -> SubsetSimulation:
-    """Return a finished `SubsetSimulation` whose robustness is a function.
+    """Return a finished `SubsetSimulation` with a function as robustness.
 
-    A campaign runs the simulation through the method `subset`; this is for benchmarks and tests.
+    This is for benchmarks and tests; campaigns run the simulation through the method `subset`.
 
     Raises:
         InvalidValue: robustness is not finite, or not one value for each trajectory.
@@ -465,9 +466,9 @@ def simulate_subsets(
 
 
 def _find_next_threshold(values: batches.Array, before: float, share: float) -> float | None:
-    """Return the robustness that this share of the values reaches, never below 0.
+    """Return the robustness that a share of the values reaches, but at least 0.
 
-    If ties hold that quantile up at the level before, the next smaller value; None without one.
+    If ties keep this quantile at the level before, return the next smaller value; None without one.
     """
     ordered = np.sort(values, axis=None)
     quantile = float(ordered[ceil(share * ordered.size) - 1])

@@ -27,18 +27,19 @@ ROUNDING = 1e-9
 
 
 def tail_risk(values: Array, level: float) -> SeverityRisk:
-    """What the values are on average, and beyond their quantile.
+    """Return mean, VaR and CVaR of the values, with intervals.
 
-    VaR is the smallest value x with F(x) ≥ level, CVaR = VaR + Σ max(xᵢ − VaR, 0) ÷ ((1 − level)·n)
-    (equation 10 of the paper, at its minimum), both of the empirical distribution. The interval of
-    the mean is Student's; those of VaR and CVaR are percentiles of a seeded bootstrap.
+    VaR and CVaR refer to the empirical distribution. VaR is the smallest value x with F(x) ≥ level.
+    CVaR = VaR + Σ max(xᵢ − VaR, 0) ÷ ((1 − level)·n) (equation 10 of the paper, at its minimum).
+    The interval of the mean is Student's. The intervals of VaR and CVaR are percentiles of a seeded
+    bootstrap.
 
     Args:
-        values: finite and not negative, in any order, shape (n,).
+        values: finite, non-negative values in any order, shape (n,).
         level: between 0 and 1, both excluded.
 
     Raises:
-        InvalidValue: another level.
+        InvalidValue: the level is not between 0 and 1.
     """
     if not 0.0 < level < 1.0:
         raise InvalidValue("level", f"{level} is not between 0 and 1.", "Take 0.95.")
@@ -68,7 +69,7 @@ def tail_risk(values: Array, level: float) -> SeverityRisk:
 
 
 def _estimate_mean(values: Array) -> Figure:
-    """The mean of values, shape (n,), with Student's 95 % interval, cut at 0; none of one value."""
+    """Return the mean of values, shape (n,), with Student's 95 % interval (cut at 0) if n > 1."""
     from scipy.special import stdtrit  # the API starts sooner without it
 
     n, centre = len(values), float(values.mean())
@@ -79,23 +80,24 @@ def _estimate_mean(values: Array) -> Figure:
 
 
 def _find_rank(n: int, level: float) -> int:
-    """How many of n ordered values VaR is the last of."""
+    """Return the rank of VaR among n ascending values, from 1."""
     return max(1, ceil(n * level - ROUNDING))
 
 
 def measure_tail(ordered: Array, level: float) -> tuple[float, float]:
-    """VaR and CVaR of ascending values, shape (n,)."""
+    """Return VaR and CVaR of ascending values, shape (n,)."""
     n, k = len(ordered), _find_rank(len(ordered), level)
     var = float(ordered[k - 1])
     return var, var + float((ordered[k:] - var).sum()) / ((1.0 - level) * n)
 
 
 def bootstrap_intervals(ordered: Array, level: float) -> tuple[Interval, Interval]:
-    """Percentile intervals of VaR and CVaR over resamples of ascending values, shape (n,).
+    """Return percentile intervals of VaR and CVaR over resamples of ascending values, shape (n,).
 
-    A resample of n is x[⌊n·u⌋] of n uniform numbers u. Only those from the k-th smallest on count:
-    that one is Beta(k, n − k + 1), and given it those above are uniform between it and 1. So a
-    resample costs as many draws as there are values beyond VaR, and is exact.
+    A resample of n values is x[⌊n·u⌋] for n uniform numbers u. Only the k-th smallest number and
+    larger ones count. The k-th smallest number is distributed as Beta(k, n − k + 1). Given this
+    number, the larger ones are uniform between it and 1. So a resample is exact, and costs only as
+    many draws as there are values beyond VaR.
     """
     n, k = len(ordered), _find_rank(len(ordered), level)
     random = np.random.default_rng(SEED)
@@ -111,7 +113,7 @@ def bootstrap_intervals(ordered: Array, level: float) -> tuple[Interval, Interva
 def measure_resample(
     ordered: Array, cut: float, above: int, level: float, random: np.random.Generator
 ) -> tuple[float, float]:
-    """VaR and CVaR of one resample, of which `above` values lie above the quantile `cut`."""
+    """Return VaR and CVaR of one resample with `above` values above the quantile `cut`."""
     n = len(ordered)
     var = float(ordered[min(int(n * cut), n - 1)])
     places = (n * (cut + (1.0 - cut) * random.random(above))).astype(np.intp)
@@ -120,7 +122,7 @@ def measure_resample(
 
 
 def _explain_too_few(risk: SeverityRisk, least: int, what: str) -> str:
-    """Why so few values say nothing, and what to do."""
+    """Return why the values are too few, with a remedy."""
     needed = ceil(least / (1.0 - risk.level) - ROUNDING)
     leave = "failure leaves" if risk.n == 1 else "failures leave"
     return (

@@ -27,8 +27,8 @@ class Demand(NamedTuple):
         limit: how much it allows; None: everything.
         used: the part of the quota that is used.
         more: the requested amount.
-        what: what it counts, in words.
-        remedy: what gives room.
+        what: the things that it counts, in words.
+        remedy: a way to get more room.
     """
 
     quota: str
@@ -45,7 +45,7 @@ def refuse_beyond(
     """Refuse campaigns that would exceed the quotas of a key.
 
     Raises:
-        QuotaExceeded: it would be more than the key allows; it names the quota.
+        QuotaExceeded: the campaigns need more than the key allows; the error names the quota.
     """
     for demand in list_demands(quotas, usage, [spec.episodes for spec in specs]):
         if demand.limit is not None and demand.used + demand.more > demand.limit:
@@ -55,7 +55,7 @@ def refuse_beyond(
 def list_demands(
     quotas: access.Quotas, usage: access.Usage, episodes: Sequence[int]
 ) -> Iterator[Demand]:
-    """Yield the demand of campaigns with these budgets on each quota."""
+    """Yield the demand on each quota of campaigns with the given budgets."""
     yield Demand(
         "max_episodes",
         quotas.max_episodes,
@@ -98,12 +98,12 @@ _LIMITS = sa.select(keys.c.name, *(keys.c[name] for name in access.Quotas.__stru
 def admit_campaigns(
     connection: sa.Connection, key: int | None, specs: Sequence[CampaignSpec]
 ) -> None:
-    """Check the demand of new campaigns against the quotas of a key; None has no quotas.
+    """Check the demand of new campaigns against the quotas of a key; None means no quotas.
 
     The key stays locked until the transaction ends.
 
     Raises:
-        QuotaExceeded: it would be more than the key allows.
+        QuotaExceeded: the campaigns need more than the key allows.
     """
     if key is None:
         return
@@ -118,7 +118,7 @@ def admit_campaigns(
 
 
 def count_usage(connection: sa.Connection, wanted: Sequence[int]) -> dict[int, access.Usage]:
-    """Return what the campaigns of each key use now."""
+    """Return the present usage of the quotas of each key."""
     nothing = dict.fromkeys(wanted, access.Usage())
     found = connection.execute(_select_usage(wanted, now_ms() - DAY_MS)).all()
     return nothing | {row.made_by: access.Usage(int(row.open), int(row.episodes)) for row in found}

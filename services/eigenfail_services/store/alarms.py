@@ -1,7 +1,7 @@
 """Alarms of processes that cannot write to a database, for all others that use it.
 
-It cannot write that into the database. It can hold a lock, which every process on the database
-sees, and which is released when the process ends.
+Such a process cannot write its alarm into the database. It can hold a lock, which every process on
+the database sees, and which is released when the process ends.
 """
 
 import fcntl
@@ -87,7 +87,7 @@ class ProcessFlag:
 
 
 def _try_lock(handle: int, how: int) -> bool:
-    """Return whether a lock was taken at once; a file system without locks has no holder."""
+    """Return whether a lock was taken at once; without file locks, only a shared one is."""
     try:
         fcntl.flock(handle, how | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -304,7 +304,7 @@ def _read_of_mode(
     *,
     lock: bool = False,
 ) -> Read:
-    """Return what the row of a mode holds.
+    """Return the values in the row of a mode.
 
     Raises:
         NotFound: no such analysis or mode.
@@ -319,7 +319,7 @@ def _read_of_mode(
 
 
 def _require_analysis(connection: Connection, analysis: int) -> None:
-    """Raise NotFound if there is no analysis with the id."""
+    """Raise NotFound if the analysis does not exist."""
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
         raise make_analysis_error(analysis)
 

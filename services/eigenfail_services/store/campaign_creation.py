@@ -1,4 +1,4 @@
-"""Creation of campaigns, which a request that is repeated with its key does not repeat."""
+"""Creation of campaigns: a request that is repeated with its key creates them only once."""
 
 from collections.abc import Sequence
 from hashlib import sha256
@@ -24,9 +24,9 @@ class NewCampaign(msgspec.Struct, frozen=True):
     """A campaign to be created.
 
     Attributes:
-        checked: its spec, and what its check has found about it.
-        key: idempotency key, with which it is created once; None without one.
-        asked: SHA-256 of what the request with the key asks for.
+        checked: its spec, with the findings of its check.
+        key: idempotency key, which lets it be created only once; None without one.
+        asked: SHA-256 of the content of the request with the key.
     """
 
     checked: CheckedCampaign
@@ -35,12 +35,12 @@ class NewCampaign(msgspec.Struct, frozen=True):
 
 
 def request_one(wanted: CheckedCampaign, key: str | None = None) -> NewCampaign:
-    """Return the campaign that a request for one asks for."""
+    """Return the new campaign of a request for one campaign."""
     return NewCampaign(wanted, key, spec_hash(wanted.spec))
 
 
 def request_many(wanted: Sequence[CheckedCampaign], key: str | None) -> list[NewCampaign]:
-    """Return the campaigns that a request for a list asks for."""
+    """Return the new campaigns of a request for a list."""
     # The hash is of the whole list: a list that only begins alike is another request.
     asked = hash_specs([each.spec for each in wanted])
     return [
@@ -126,5 +126,5 @@ def derive_key(key: str, place: int) -> str:
 
 
 def hash_specs(specs: Sequence[CampaignSpec]) -> str:
-    """Return the SHA-256 of all specs of a request, by which a repeated request is recognised."""
+    """Return the SHA-256 of all specs of a request, which identifies a repeated request."""
     return sha256("\n".join(map(spec_hash, specs)).encode()).hexdigest()

@@ -1,6 +1,6 @@
 """Campaigns: how they are listed, moved from state to state, archived, and grouped in suites.
 
-A suite is all campaigns with one text before the first ": " of their names.
+A suite consists of all campaigns with the same text before the first ": " of their names.
 """
 
 from collections.abc import Iterator, Sequence
@@ -86,7 +86,7 @@ class CampaignStore(StorePart):
     ) -> tuple[Campaign, ...]:
         """Create campaigns in this order, all or none; return the same ones for the same key.
 
-        Keys of requests for one campaign are not known here, nor these there.
+        Keys of `create` are not known here, and keys of this method are not known to `create`.
 
         Args:
             wanted: the campaigns.
@@ -105,7 +105,7 @@ class CampaignStore(StorePart):
         """Create campaigns in this order, all or none; return those that exist for known keys.
 
         Args:
-            wanted: the campaigns, each with a key of its own or without one.
+            wanted: the campaigns, each with its own key or without a key.
             made_by: id of the API key of the request, whose quotas apply.
 
         Raises:
@@ -171,7 +171,7 @@ class CampaignStore(StorePart):
         return self._database.read(read_campaign, campaign)
 
     def read_references(self, campaign: int) -> CampaignReferences:
-        """Return what the settings of a campaign name, as it was found when it was created.
+        """Return the references in a campaign's settings, as found when the campaign was created.
 
         Raises:
             NotFound: no such campaign.
@@ -249,7 +249,7 @@ class CampaignStore(StorePart):
             campaign: id of the campaign.
             to: the new state.
             because: why, in a sentence.
-            claim: claim of who runs the campaign; users need none.
+            claim: claim of the service that runs the campaign; users need none.
 
         Raises:
             NotFound: no such campaign.
@@ -260,14 +260,14 @@ class CampaignStore(StorePart):
             return _move_campaign(connection, campaign, to, because, claim)
 
     def begin_part(self, campaign: int, versions: Versions, claim: Job | None = None) -> Campaign:
-        """Record with which versions the campaign goes on; the same as before change nothing.
+        """Record the versions that the campaign goes on with; unchanged versions change nothing.
 
         If the campaign has results of other versions, an event says so.
 
         Args:
             campaign: id of the campaign.
             versions: versions by name, of what its learner runs with from now on.
-            claim: claim of who runs the campaign.
+            claim: claim of the service that runs the campaign.
 
         Raises:
             NotFound: no such campaign.

@@ -24,7 +24,7 @@ KEPT_CHECKPOINTS = 2
 class CheckpointStore(StorePart):
     """The last two checkpoints of each campaign, with a hash each, and the learner's estimate.
 
-    The one before the last is there to fall back to if the last one is damaged.
+    The older checkpoint is the fallback if the last one is damaged.
     """
 
     def save(
@@ -69,7 +69,7 @@ class CheckpointStore(StorePart):
         """Return the newest undamaged checkpoint, or None.
 
         Raises:
-            ProtocolError: there are checkpoints, and all are damaged.
+            ProtocolError: checkpoints exist, but every one is damaged.
         """
         with self._database.reading() as connection:
             state, _damaged = _find_newest(connection, campaign)
@@ -81,7 +81,7 @@ class CheckpointStore(StorePart):
         Raises:
             NotFound: no such campaign.
             ClaimLost: the claim is no longer the campaign's.
-            ProtocolError: there are checkpoints, and all are damaged.
+            ProtocolError: checkpoints exist, but every one is damaged.
         """
         with self._database.writing() as connection:
             lock_campaign(connection, campaign)
@@ -108,7 +108,7 @@ def _find_newest(connection: Connection, campaign: int) -> tuple[bytes | None, l
     """Return the newest undamaged checkpoint, and the numbers of damaged ones after it.
 
     Raises:
-        ProtocolError: there are checkpoints, and all are damaged.
+        ProtocolError: checkpoints exist, but every one is damaged.
     """
     mine = checkpoints.c.campaign == campaign
     numbers = select(checkpoints.c.number).where(mine).order_by(checkpoints.c.number.desc())

@@ -1,6 +1,6 @@
 """Clocks: wall time for rows, and a clock for leases that all services on a database share.
 
-For PostgreSQL that is the server's. Users of a SQLite file are on one machine, and share its
+For PostgreSQL it is the server's clock. Users of a SQLite file are on one machine, and share its
 monotonic clock, which counts from the start of the machine and cannot be set.
 """
 
@@ -29,7 +29,7 @@ def length_ms(lease_s: float) -> int:
 
 
 class LeaseClock(GenericFunction[int]):
-    """The clock of leases, in SQL; SQLite's connections know `steady_ms` by this name."""
+    """The clock of leases, in SQL; SQLite's connections call `steady_ms` by this name."""
 
     name = "lease_clock"
     type = BigInteger()

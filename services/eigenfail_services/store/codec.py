@@ -68,8 +68,8 @@ def to_json(
 def spec_text(spec: CampaignSpec) -> str:
     """Return the canonical JSON text of a spec without its priority, project and tags.
 
-    These have columns, and are no part of what a campaign is. What was not given is left out, so
-    that a new field with a default changes no text, key or hash of campaigns that exist.
+    These have columns, and do not define a campaign. Fields that were not given are left out, so
+    that a new field with a default changes no text, key or hash of existing campaigns.
     """
     fields = msgspec.to_builtins(spec, order="deterministic")
     if spec.parallel is None:
@@ -92,7 +92,7 @@ def to_settings(text: str) -> AnalysisSettings:
 def to_blob(array: Floats) -> bytearray:
     """Return an array as row-major little-endian float32.
 
-    In a bytearray, which the driver of SQLite binds at once: for bytes it looks for an adapter.
+    The driver of SQLite binds a bytearray at once; for bytes it would look for an adapter.
     """
     return bytearray(np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT))
 
@@ -130,7 +130,7 @@ def to_tags_text(tags: tuple[str, ...]) -> str | None:
 
 
 def to_references(text: str) -> CampaignReferences:
-    """Read from JSON what the settings of a campaign name."""
+    """Read the references of a campaign from JSON."""
     return msgspec.json.decode(text, type=CampaignReferences)
 
 
@@ -187,7 +187,7 @@ class NoiseForm(NamedTuple):
     """The form that the noise of all episodes of a campaign has.
 
     Attributes:
-        shape: how the noise comes of z.
+        shape: how the noise is made from z.
         channels: number of columns of z.
     """
 
@@ -201,7 +201,7 @@ def find_noise_form(spec: CampaignSpec) -> NoiseForm:
 
 
 def to_counted_z(blob: bytes, form: NoiseForm) -> Floats:
-    """Read z from its bytes, with 0 in place of the values that had no effect."""
+    """Read z from its bytes, with 0 in place of values without effect."""
     z = to_floats(blob, form.channels)
     return form.shape.drop_uncounted(z) if isinstance(form.shape, PerChannel) else z
 
@@ -213,7 +213,7 @@ def to_noise_form(spec: str) -> NoiseForm:
 
 
 def count_requirements(spec: str | None) -> int:
-    """Return how many requirements a campaign names; one that does not exist names none."""
+    """Return how many requirements a campaign names; 0 if it does not exist."""
     return 0 if spec is None else len(_specs.decode(spec).named_requirements)
 
 
@@ -261,8 +261,8 @@ NO_PARSERS: Mapping[str, Callable[[Any], Any]] = MappingProxyType({})
 class StructRows(Generic[Value]):
     """Rows of a table that are values of one type.
 
-    A field of the type is the column of its name. A field that is a struct without such a column
-    consists of the columns of its own fields. Other fields keep their defaults.
+    A field of the type is read from the column of its name. A struct field without such a column is
+    read from the columns of the struct's fields. Other fields keep their defaults.
 
     Args:
         table: table with a column `id` that rises.
@@ -291,7 +291,7 @@ class StructRows(Generic[Value]):
         self.columns = tuple(table.c[name] for name in self._names)
 
     def read(self, row: RowMapping) -> Value:
-        """Return the value that a row with `columns` is."""
+        """Return the value in a row with `columns`."""
         values = {name: row[name] for name in self._names}
         # NULL stays None: no parser has to know of it.
         for name, parse in self._parsers.items():

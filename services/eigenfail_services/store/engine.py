@@ -38,13 +38,13 @@ class Backend(Protocol):
         """Return the engine for migrations."""
 
     def prepare(self) -> None:
-        """Make what must be there before the first connection."""
+        """Create what must exist before the first connection."""
 
     def require(self) -> None:
-        """Refuse a database that does not exist, where a connection would create it.
+        """Refuse a database that does not exist, if a connection would create it.
 
         Raises:
-            StoreUnavailable: there is none.
+            StoreUnavailable: the database does not exist.
         """
 
     def lock_schema(self, connection: Connection) -> None:
@@ -115,7 +115,7 @@ def find_backend(address: str, wait_s: float = WAIT_S) -> Backend:
         wait_s: how long a statement waits for the lock of another program. [s]
 
     Raises:
-        InvalidValue: the address is not that of a supported database.
+        InvalidValue: the address does not belong to a supported database.
     """
     try:
         return BACKENDS[read_kind(address)](address, wait_s)
@@ -162,7 +162,7 @@ class Database:
             commit: commits the transaction; see `commit_beside`.
 
         Raises:
-            StoreUnavailable: nothing was written, or what was written may be lost.
+            StoreUnavailable: nothing was written, or the written rows may be lost.
         """
         try:
             with translate_errors(self._backend), self._connect(self._writer) as connection:

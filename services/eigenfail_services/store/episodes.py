@@ -118,7 +118,7 @@ def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
 def _insert_rows(connection: sa.Connection, table: sa.Table, rows: list[tuple[Any, ...]]) -> None:
     """Insert whole rows, each in the order of the table's columns.
 
-    Columns without any value are left out of the statement: to bind a None, the driver of SQLite
+    Columns without any value are left out of the statement. To bind a None, the driver of SQLite
     looks for an adapter first, which takes longer than to bind a number.
     """
     columns = zip(table.columns.keys(), zip(*rows, strict=True), strict=True)
@@ -210,7 +210,7 @@ class EpisodeStore(StorePart):
         """Return the result of an episode with everything that is stored of it.
 
         Raises:
-            NotFound: no such campaign, or the episode has no result.
+            NotFound: the campaign, or the result of the episode, does not exist.
             NoisePruned: the episode's noise was pruned.
         """
         query = (
@@ -236,8 +236,8 @@ class EpisodeStore(StorePart):
     ) -> Page[records.EpisodeRow]:
         """Return episodes that fulfil all conditions, in an order, behind the index `after` in it.
 
-        By index, `after` may be any number; in another order it is that of an episode with a
-        result, behind which rows follow each other without gap or overlap, whatever is added.
+        By index, `after` may be any number. In another order it must be the index of an episode
+        with a result. Pages then follow each other without gap or overlap, whatever is added.
         """
         found: list[records.EpisodeRow] = []
         with self._database.reading() as connection:
@@ -310,7 +310,7 @@ class EpisodeStore(StorePart):
         return [found[place] for place in chosen]
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
-        """Return the results of those episodes that have one, in index order.
+        """Return the results of the given episodes that have one, in index order.
 
         They come without scenes, and without the robustness of each requirement.
 
@@ -331,7 +331,7 @@ class EpisodeStore(StorePart):
     def failure_portions(self, campaign: int) -> Iterator[records.Failures]:
         """Yield the noise of all failures, at most `PORTION` at a time, from one transaction.
 
-        Values of z that had no effect are 0.
+        Values of z without effect are 0.
         """
         with self._database.reading() as connection:
             spec = connection.execute(_SPEC, {"campaign": campaign}).scalar()
@@ -376,7 +376,7 @@ class EpisodeStore(StorePart):
             most: number of failures of a mode whose course is read at most, evenly spaced.
 
         Returns:
-            The number of failures, and the courses of those whose scene is stored.
+            The number of failures, and the courses of failures whose scene is stored.
         """
         member = schema.mode_members.c
         of_campaign = (member.analysis == analysis) & (member.campaign == campaign)
@@ -404,7 +404,7 @@ class EpisodeStore(StorePart):
 
 
 def _has_result(found: sa.RowMapping) -> bool:
-    """Return whether an episode has a result; without noise that was not pruned it has none.
+    """Return whether an episode has a result; without its noise, it has none.
 
     Raises:
         NoisePruned: the episode's noise was pruned.
@@ -445,7 +445,8 @@ def _read_requirements(
 ) -> defaultdict[int, list[float | None]]:
     """Return the robustness of the requirements by the index of the episode, in their order.
 
-    None of a requirement that was not judged. An episode without any has an empty list.
+    The robustness of a requirement that was not judged is None. An episode without any has an empty
+    list.
     """
     value = schema.requirement_values.c
     query = (

@@ -9,7 +9,7 @@ from eigenfail.values.operations import DRAWN_AGAIN
 
 
 def make_episode_error(campaign: int, index: int) -> errors.NotFound:
-    """Return the error that the episode has no result."""
+    """Return the error for an episode without a result."""
     return errors.NotFound(
         f"Episode {index} of campaign {campaign} has no result.",
         "It is still open, was cancelled, or is beyond the campaign's budget.",
@@ -46,7 +46,7 @@ def make_analysis_error(analysis: int) -> errors.NotFound:
 
 
 def make_mode_error(analysis: int, number: int) -> errors.NotFound:
-    """Return the error that an analysis has no mode of the number."""
+    """Return the error for a mode that does not exist in an analysis."""
     return errors.NotFound(
         f"Analysis {analysis} has no mode {number}.",
         f"`eigenfail mode list {analysis}` lists them.",

@@ -2,8 +2,8 @@
 
 Readers ask for ids above the last one seen, so an id must never become visible after a higher one.
 Ids therefore come from one counted row: it stays locked from the moment an id is taken until that
-transaction's end, and ids appear in order, without gaps. Every transaction takes it last, so that
-none waits for long, and no two wait for each other.
+transaction's end, and ids appear in order, without gaps. Every transaction takes an id last, so
+that transactions do not wait for long, and never for each other.
 """
 
 from collections.abc import Collection
@@ -69,8 +69,8 @@ class EventLog(StorePart):
     def after(self, event: int, limit: int, campaign: int | None = None) -> list[Event]:
         """Return events with ids above `event`, oldest first.
 
-        Whoever keeps the id of the last event that it has read misses none of those that follow,
-        and reads them in order. See the top of this module.
+        A reader that keeps the id of the last event it has read misses no later event, and reads
+        events in order. See the top of this module.
         """
         query = select(events).where(events.c.id > event).order_by(events.c.id).limit(limit)
         if campaign is not None:
@@ -85,7 +85,7 @@ class EventLog(StorePart):
         return [*self._database.read(_ROWS.list, query)]
 
     def newest(self, kinds: Collection[str]) -> list[Event]:
-        """Return the newest event of these kinds of each running campaign, by campaign."""
+        """Return the newest event of the given kinds for each running campaign, by campaign."""
         # The index by campaign and id answers this with one step for each campaign; a grouping
         # would read all events of these kinds.
         newest = (

@@ -54,7 +54,7 @@ class _Order(NamedTuple):
 
     Attributes:
         descending: whether the most severe come first.
-        last: the failure behind which the list begins; None for its head.
+        last: the failure that the list begins after; None for its head.
     """
 
     descending: bool
@@ -66,7 +66,7 @@ class _Order(NamedTuple):
         return query.order_by(*ordered)
 
     def begin(self, query: sa.Select[Any]) -> sa.Select[Any]:
-        """Return a query for failures without those up to the last one."""
+        """Return a query without the failures up to `last`."""
         if self.last is None:
             return query
         severity, campaign, index = self.last
@@ -99,10 +99,11 @@ class FailureStore(StorePart):
         """Return failures by severity, and among equal ones by campaign and index.
 
         Args:
-            where: what the failures must be.
+            where: filter of the failures.
             limit: maximum number of failures, at most `MOST_FAILURES`.
             after: only failures behind this place, the `next` of a page.
-            most_severe_first: whether all three are descending, or ascending.
+            most_severe_first: whether severity, campaign and index are all descending, or all
+                ascending.
 
         Raises:
             InvalidValue: `after` is not the place of a failure.
@@ -149,8 +150,8 @@ def _select_of_campaigns(
 ) -> sa.Select[Any]:
     """Return the query for the first failures of the campaigns that may be on a page.
 
-    No index has the severities of all campaigns. The first failures of all are among the first of
-    as many campaigns: of those whose own first failure comes first.
+    No index has the severities of all campaigns. The first `most` failures of all belong to the
+    `most` campaigns whose own first failures come first.
     """
     failing = order.begin(sa.select(_c.severity).where(*_IS_LISTED))
     of_campaign = failing.where(_c.campaign == campaigns.c.id).correlate(campaigns)
@@ -196,7 +197,7 @@ def _read_rows(connection: sa.Connection, places: Sequence[_Place]) -> tuple[Epi
 
 
 def _match(keys: Sequence[tuple[int, int]], campaign: Expression, index: Expression) -> Expression:
-    """Return the condition that two columns are one of these campaigns and indices."""
+    """Return the condition that two columns equal one of the pairs of campaign and index."""
     of_campaigns: defaultdict[int, list[int]] = defaultdict(list)
     for owner, place in keys:
         of_campaigns[owner].append(place)

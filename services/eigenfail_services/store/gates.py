@@ -27,8 +27,8 @@ class GateStore(StorePart):
     def record(self, report: GateReport) -> GateSummary:
         """Store a report, and log its verdict.
 
-        A report that is stored already is returned as it is, and logged once, also if the file of
-        the suite or the links differ.
+        A report that is stored already is returned unchanged and not logged again, even if the file
+        of the suite or the links differ.
         """
         return self._database.write_once(_record_once, report)
 
@@ -89,8 +89,8 @@ def _describe_verdict(report: GateReport) -> tuple[str, str]:
 def _digest_judged(report: GateReport) -> str:
     """Return the SHA-256 of the judgements in a report, as a hexadecimal number.
 
-    The file of the suite and the links depend on where the command was run: the same gate is the
-    same result whatever they are.
+    The file of the suite and the links depend on the place of the command: the same gate has the
+    same digest whatever they are.
     """
     judged = replace(
         report,

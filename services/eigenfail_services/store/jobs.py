@@ -77,7 +77,7 @@ OnDead = Callable[[sa.Connection, int, str], object]
 
 
 def enqueue(connection: sa.Connection, kind: JobKind, subject: int) -> None:
-    """Add a job at the end of the queue; one that was left over is withdrawn."""
+    """Add a job at the end of the queue; a leftover job of the subject is withdrawn."""
     withdraw(connection, kind, subject)
     connection.execute(
         sa.insert(jobs).values(
@@ -105,8 +105,8 @@ class JobQueue:
 
     Args:
         database: the database with the queue.
-        on_dead: for each kind of job, what makes its subject fail, given the subject's id and the
-            reason.
+        on_dead: for each kind of job, a function that makes its subject fail, given the subject's
+            id and the reason.
     """
 
     def __init__(self, database: Database, on_dead: Mapping[JobKind, OnDead]) -> None:
@@ -116,8 +116,8 @@ class JobQueue:
     def claim(self, owner: str, lease_s: float, kind: JobKind | None = None) -> Job | None:
         """Lease the next free job (of a kind) to the owner, and return it.
 
-        That is the oldest, where each campaign counts as older by its priority's head start.
-        A job that was claimed too often becomes a dead letter instead, and its subject fails.
+        The oldest job is next, and each campaign counts as older by its priority's head start. A
+        job that was claimed too often becomes a dead letter instead, and its subject fails.
         """
         while (job := self._take(owner, lease_s, kind)) and job.attempts > MAX_ATTEMPTS:
             self._dead_letter(job)

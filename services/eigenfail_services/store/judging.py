@@ -53,8 +53,8 @@ def judge(
     """Judge deliveries: the first fitting result of an episode is stored.
 
     Args:
-        campaign: as it stands, locked.
-        known: digests of those of the episodes that have a result.
+        campaign: the locked campaign, with its present counts.
+        known: digests of the episodes that have a result, by index.
         deliveries: the delivered results.
     """
     digests = dict(known)
@@ -137,10 +137,10 @@ def _update_counts(judgement: Judgement) -> Counts:
 
 
 def make_storable(result: EpisodeResult, form: NoiseForm) -> EpisodeResult:
-    """Return a result without invalid numbers; without a robustness it has no measures.
+    """Return a result without invalid numbers; without a robustness it loses all measures.
 
-    Noise without a step, as of an episode that never ran, gets the campaign's form. A result to
-    which nothing of this applies is returned itself.
+    Noise without a step, as of an episode that never ran, gets the campaign's form. A result that
+    needs no change is returned itself.
     """
     measures, wall_s = _finite_measures(result.measures), result.believed_wall_s
     is_storable = measures is result.measures and wall_s == result.wall_s

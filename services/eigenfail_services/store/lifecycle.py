@@ -80,7 +80,7 @@ def _check_move(source: CampaignState, target: CampaignState, who: str = "The ca
 def move_campaign(campaign: Campaign, to: CampaignState, because: str, at_ms: int) -> Campaign:
     """Return the campaign after a move; the same object if it is in that state already.
 
-    In a final state nothing is open: what was, counts as cancelled. A campaign that the service
+    In a final state nothing is open: open episodes count as cancelled. A campaign that the service
     pauses keeps the reason until it goes on.
 
     Raises:
@@ -134,7 +134,7 @@ def set_archived(campaign: Campaign, archived_ms: int | None) -> Campaign:
 
 
 def begin_part(campaign: Campaign, versions: Versions, at_ms: int) -> Campaign:
-    """Return the campaign as it goes on with these versions; the same object if it has them.
+    """Return the campaign with a part for the versions; the same object if it has them already.
 
     Before the first result nothing is mixed: only the latest versions are kept.
     """

@@ -48,7 +48,7 @@ def _select_mode() -> Expression:
     """Return the number of the mode, in the newest analysis, of the episode of an enclosing query.
 
     The newest is the analysis of the episode's campaign that ended with a mode and has the largest
-    id. An episode that it left out has no mode, also if an older one has it.
+    id. An episode that this analysis left out is without a mode, even if an older analysis has it.
     """
     member = mode_members.c
     newest = select_newest_analysis(_c.campaign).correlate(episodes)
@@ -92,7 +92,7 @@ def _select_requirement(number: int) -> Expression:
 
 
 def _compare_episodes(where: filters.Conditions, sort: filters.SortOrder) -> Iterator[Expression]:
-    """Yield the conditions so that the database follows the order, not one of the conditions."""
+    """Yield the conditions in a form that makes the database follow the order, not a condition."""
     for condition in where:
         column = select_column(condition.column)
         leads = _has_index(condition, sort)
@@ -133,7 +133,7 @@ def page_queries(
     where: filters.Conditions,
     sort: filters.SortOrder,
 ) -> Iterator[_Indices]:
-    """Yield the queries whose answers, one after the other, are the indices behind `after`.
+    """Yield the queries whose answers, in sequence, are the indices behind `after`.
 
     They select indices only: without an index of the database all rows are sorted.
     """
@@ -169,10 +169,10 @@ def preceding_queries(
     where: filters.Conditions,
     sort: filters.SortOrder,
 ) -> Iterator[_Indices]:
-    """Yield the queries whose answers, one after the other, are the indices in front of `before`.
+    """Yield the queries whose answers, in sequence, are the indices in front of `before`.
 
-    The nearest comes first. It is not the opposite order, in which rows without a value are last
-    as well.
+    The nearest comes first. This is not the opposite order, which also puts rows without a value
+    last.
     """
     query = sa.select(episode_index).where(
         episodes.c.campaign == campaign, *_compare_episodes(where, sort)
@@ -229,7 +229,7 @@ Item = TypeVar("Item")
 
 
 def iterate_items(read: Callable[[int | None], Page[Item]]) -> Iterator[Item]:
-    """Yield the items of all pages of a list, given what reads the page behind a cursor."""
+    """Yield the items of all pages of a list; `read` returns the page behind a cursor."""
     page = read(None)
     yield from page.items
     while page.next is not None:

@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 
 
 def _keep_tables(_connection: Connection, _found: int) -> None:
-    """Change nothing: a first version has no older one."""
+    """Change nothing: no version is older than the first one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +46,11 @@ class PluginTables:
     """Tables of a plug-in, which an entry point of the group `eigenfail.tables` names.
 
     Attributes:
-        metadata: the tables. Those of the plug-in `sheep` are called `plugin_sheep`, or begin with
-            `plugin_sheep_`.
+        metadata: the tables. The tables of the plug-in `sheep` are called `plugin_sheep`, or their
+            names begin with `plugin_sheep_`.
         version: rises by 1 with each release that changes the tables.
-        upgrade: changes the tables from an older version, which it is given, in the connection's
-            transaction. A database without the tables gets all that `metadata` has instead.
+        upgrade: changes the tables from a given older version, in the connection's transaction. A
+            database without the tables gets the tables of `metadata` instead.
     """
 
     metadata: MetaData
@@ -224,7 +224,7 @@ def alembic_config(connection: Connection | None = None) -> Config:
 
 
 def list_revisions() -> list[str]:
-    """Return all schema versions that this program knows, oldest first."""
+    """Return all schema versions in this program's migrations, oldest first."""
     from alembic.script import ScriptDirectory
 
     script = ScriptDirectory.from_config(alembic_config())
@@ -248,7 +248,7 @@ def refuse_unknown(version: str | None, label: str) -> None:
 
 @contextmanager
 def schema_transaction(backend: Backend) -> Iterator[Connection]:
-    """Give a transaction in which no other program changes the schema."""
+    """Give a transaction that keeps other programs from changing the schema."""
     engine = backend.schema_engine().execution_options(writes=True)
     with translate_errors(backend):
         backend.prepare()

@@ -53,7 +53,7 @@ _NEVER = object()
 
 
 class _Entry:
-    """An answer, the state that it is of, and a lock for its computation."""
+    """An answer, the state that it was computed for, and a lock for its computation."""
 
     def __init__(self) -> None:
         self.lock = Lock()
@@ -61,7 +61,7 @@ class _Entry:
         self.answer: Any = None
 
     def holds_for(self, state: Hashable) -> bool:
-        """Return whether the answer is of a state; of numbers of results, of as many or more."""
+        """Return whether the answer holds for a state; a result count also covers lower ones."""
         if isinstance(state, int) and isinstance(self.state, int):
             return self.state >= state
         return self.state == state
@@ -83,7 +83,7 @@ class AnswerCache:
         """Return the answer to a question, computed unless it is known.
 
         Args:
-            question: what is asked: a name, and what it is asked of.
+            question: name and subject of the question.
             state: whatever changes when the answer does; read before the answer is computed. An
                 answer of more results holds for fewer, so that two threads do not take turns.
             make: computes the answer.
@@ -140,8 +140,8 @@ _COUNTED: ContextVar[_CountedCampaign | None] = ContextVar("counted campaign", d
 class FigureStore(StorePart):
     """Sums over campaigns and their episodes, most from a cache while no result was added.
 
-    A campaign that has ended is read once, and a running one once for all that look at it at the
-    same time. The number of queries of a method does not depend on the number of campaigns.
+    A campaign that has ended is read once. A running campaign is read once for all simultaneous
+    readers. The number of queries of a method does not depend on the number of campaigns.
 
     Args:
         database: the database of the campaigns.
@@ -158,8 +158,8 @@ class FigureStore(StorePart):
     def as_of(self, campaign: Campaign) -> Iterator[None]:
         """Within the block, take the number of results from a campaign that was read before.
 
-        The sums of a running campaign would otherwise be computed anew for each result that arrives
-        between two questions of one page.
+        Otherwise the sums of a running campaign would be computed again for each result that
+        arrives between two questions of one page.
         """
         results = campaign.counts.completed + campaign.counts.errored
         token = _COUNTED.set(_CountedCampaign(self, campaign.id, results))
@@ -190,16 +190,16 @@ class FigureStore(StorePart):
     def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
         """Return safety measures of the completed episodes, and at most `most` failures as points.
 
-        If more failures have a severity, the points are every k-th of them in index order from the
-        first one on, for the smallest sufficient k.
+        If more failures have a severity, the points are every k-th of them in index order, from the
+        first failure on. The smallest sufficient k is used.
         """
         return self._ask_once(sum_safety, campaign, most)
 
     def spending(self, campaign: int, most: int = summary.MOST_LANDINGS) -> summary.SpendingTotals:
         """Return the worker time in the episodes, and when they landed.
 
-        The progress is every k-th completed episode by the time that it was stored, then by
-        index, for the smallest k that leaves at most `most`; and the last one.
+        The progress consists of every k-th completed episode, by storage time and then by index,
+        and of the last one. The smallest k that leaves at most `most` episodes is used.
         """
         return self._ask_once(sum_spending, campaign, most)
 
@@ -340,7 +340,7 @@ def _select_pools() -> sa.Select[*tuple[Any, ...]]:
 
 
 def _join_fields(names: Sequence[str]) -> sa.ColumnElement[str]:
-    """Return fields of a campaign's spec as one text, which is equal where all of them are."""
+    """Return fields of a campaign's spec as one text, which is equal if all of them are equal."""
     texts = [sa.func.coalesce(sa.cast(spec_field(name), sa.String), "") for name in names]
     return reduce(lambda left, right: left + "|" + right, texts)
 

@@ -1,6 +1,6 @@
 """The tables of the store, its column types, and functions that databases write differently.
 
-Names of tables and columns are those of the glossary; times are milliseconds since 1970.
+Tables and columns are named as in the glossary; times are milliseconds since 1970.
 """
 
 from typing import Any
@@ -79,7 +79,7 @@ def _find_type(measure: Measure) -> TypeEngine[Any]:
 
 
 def _only(condition: str) -> dict[str, Any]:
-    """Return the options of an index that holds the rows alone for which a condition is true."""
+    """Return the options of an index that holds only the rows that meet a condition."""
     return {f"{each}_where": sa.text(condition) for each in ("sqlite", "postgresql")}
 
 
@@ -492,7 +492,7 @@ PLUGIN_PREFIX = "plugin_"
 
 
 def is_own_table(name: str) -> bool:
-    """Return whether a table is eigenfail's, or that of a plug-in."""
+    """Return whether a table belongs to eigenfail or to a plug-in."""
     return name in {*metadata.tables, VERSION_TABLE} or name.startswith(PLUGIN_PREFIX)
 
 
@@ -533,7 +533,7 @@ def _in_postgres(element: SpecFieldExpression, compiler: SQLCompiler, **more: An
 
 
 class PositionExpression(FunctionElement[int]):
-    """Place of a text in another one, from 1, with case; 0 if it is not in it."""
+    """Position of a text in another text, from 1, case-sensitive; 0 if it does not occur."""
 
     name = "position"
     type = sa.Integer()

@@ -199,7 +199,7 @@ class Sqlite(_SqliteErrors):
         return FolderLock(self._path.parent)
 
     def check(self, connection: sa.Connection) -> None:
-        """Compare the files that a connection has open with those at their paths.
+        """Compare the files that a connection has open with the files at their paths.
 
         Raises:
             StoreUnavailable: one of them was moved, deleted or replaced, or lost its end.
@@ -246,7 +246,7 @@ class Sqlite(_SqliteErrors):
         """Open the file, which must be the one that was opened first.
 
         Raises:
-            StoreUnavailable: it is empty, gone or another one.
+            StoreUnavailable: the file is empty, missing or another one.
             sqlite3.Error: SQLite cannot open it.
         """
         before = _look(self._path)
@@ -329,7 +329,7 @@ class Sqlite(_SqliteErrors):
 class SqliteMemory(_SqliteErrors):
     """A database in memory, which is deleted when its engine is disposed of.
 
-    All threads share it, each through a connection of its own. SQLite has no write-ahead log in
+    All threads share it, each through its own connection. SQLite does not keep a write-ahead log in
     memory: a writer waits for earlier readers, and readers wait for a writer.
 
     Args:
@@ -415,8 +415,8 @@ _COMPILED: dict[Any, Any] = {}
 def _memory_dialect() -> sa.Dialect:
     """Return the dialect of all databases in memory.
 
-    Compiled statements belong to a dialect. As all have one, each is compiled once for a process,
-    and not once for each of the many databases that a process may have in memory.
+    Compiled statements belong to a dialect. All databases in memory share one dialect, so each
+    statement is compiled once for a process, and not once for each database.
     """
     engine = sa.create_engine("sqlite+pysqlite://", poolclass=sa.NullPool)
     engine.connect().close()  # fills in what depends on SQLite's version
@@ -428,11 +428,11 @@ def _beside(path: Path, ending: str) -> Path:
 
 
 def find_mode(path: Path) -> str:
-    """Return with which mode, in SQLite's URIs, to open a database.
+    """Return the mode for opening a database, as in SQLite's URIs.
 
-    Beside a database in WAL mode, SQLite makes a log and an index even to read it. In a folder
-    that cannot be written, such as that of a backup on a read-only share, a database without a log
-    is read as the file that it is.
+    SQLite creates a log and an index next to a database in WAL mode, even to read it. In a folder
+    that cannot be written, such as a read-only share with a backup, a database without a log is
+    opened as immutable.
     """
     is_writable = os.access(path.parent, os.W_OK, effective_ids=True)
     return "rw" if is_writable or _beside(path, WAL_ENDING).exists() else IMMUTABLE

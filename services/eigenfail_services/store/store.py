@@ -1,4 +1,4 @@
-"""All parts of the store on one database, and how one is opened."""
+"""All parts of the store on one database, and the function that opens it."""
 
 from contextlib import ExitStack
 from functools import cache
@@ -77,7 +77,7 @@ def open_store(url: str, *, migrate: bool = True, wait_s: float = WAIT_S) -> Sto
         wait_s: how long a statement waits for the lock of another program. [s]
 
     Raises:
-        InvalidValue: it is not an address of a database that is supported.
+        InvalidValue: it is not the address of a supported database.
         StoreUnavailable: nothing can be read or written there, within about five seconds; or
             there is nothing and it may not be made.
         SchemaMismatch: the schema is newer than this program, of another program, or may not be

@@ -47,7 +47,7 @@ _COMPLETED = episodes.c.outcome != Outcome.ERRORED
 def _read_columns(
     connection: sa.Connection, query: sa.Select[*tuple[Any, ...]]
 ) -> tuple[_Column, ...]:
-    """Return the columns of a query's answer as arrays; NaN stands for a missing value."""
+    """Return the columns of a query's answer as arrays; NaN marks a missing value."""
     parts = [np.empty((0, len(query.selected_columns)))]
     with closing(connection.execute(query)) as answer:
         # The driver's rows as they are: ours would take three times as long.
@@ -173,7 +173,7 @@ def sample_severities(
 def _count_violations(
     connection: sa.Connection, campaign: int
 ) -> tuple[safety.RequirementTotals, ...]:
-    """Count violations of each requirement that the campaign names; none if it names none."""
+    """Count violations of each requirement that the campaign names; empty if it names none."""
     value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
         sa.select(number, sa.func.count(), sa.func.count().filter(value <= 0.0), sa.func.min(value))
@@ -189,7 +189,7 @@ NOT_JUDGED = safety.RequirementTotals(0, 0, None)
 
 
 class _Threshold(NamedTuple):
-    """A measure, which of its values are beyond its threshold, and its worst value."""
+    """A measure, the condition for values beyond its threshold, and its worst value."""
 
     column: sa.ColumnElement[float]
     beyond: sa.ColumnElement[bool]
@@ -270,9 +270,9 @@ def sum_spending(connection: sa.Connection, campaign: int, most: int) -> Spendin
 
 
 def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tuple[Any, ...]]:
-    """Select every k-th completed episode in the order in which they were stored, and the last one.
+    """Select every k-th completed episode in storage order, and the last one.
 
-    Each has the numbers of episodes and failures and the worker time up to it.
+    Each row has the numbers of episodes and failures and the worker time up to it.
     """
     order = (episodes.c.finished_ms, episode_index)
     # By rows, not by range: two that landed at the same time are two.
@@ -308,7 +308,7 @@ def count_results(connection: sa.Connection, chosen: Sequence[int]) -> dict[int,
 def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, records.Totals]:
     """Return sums over all failures, and episodes counted by class, of each campaign.
 
-    Classes are those of `assess`. The number of queries does not depend on that of campaigns.
+    `assess` defines the classes. The number of queries does not depend on the number of campaigns.
     """
     # In the order of an index: sums of floats depend on it, and reports must not change with it.
     failures = (
@@ -401,7 +401,7 @@ def _count_by_campaign(
 
 
 def _select_naming(chosen: Sequence[int]) -> sa.Select[int]:
-    """Select those of some campaigns that name requirements: others have no allowed collision."""
+    """Select the given campaigns that name requirements: only they can have allowed collisions."""
     return sa.select(campaigns.c.id).where(
         campaigns.c.id.in_(chosen), spec_field("requirements").is_not(None)
     )
@@ -421,7 +421,7 @@ def _find_frequent_faults(
 ) -> dict[int, records.FrequentFault]:
     """Return the most frequent fault of each campaign that has errored episodes.
 
-    An index leads to the errored episodes, of which most campaigns have none.
+    An index leads to the errored episodes; most campaigns have none.
     """
     reason = (episodes.c.campaign, episodes.c.fault_kind, episodes.c.fault_message)
     first, count = sa.func.min(episode_index), sa.func.count()

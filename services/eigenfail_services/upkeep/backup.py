@@ -1,6 +1,6 @@
 """Whole databases of SQLite: a backup in one file, its restoration, and free space given back.
 
-Copies are SQLite's online backup. PostgreSQL has programs of its own, which users run themselves.
+Copies use SQLite's online backup. For PostgreSQL, users run PostgreSQL's own programs.
 """
 
 import os
@@ -94,7 +94,7 @@ def translate_sqlite_errors(what: str) -> Iterator[None]:
     """Translate SQLite's errors into ServiceError.
 
     Args:
-        what: failed, as a sentence without its end.
+        what: the failed operation, as a sentence without its end.
 
     Raises:
         ServiceError: another program uses the database, it is damaged, or the disk is full.
@@ -118,7 +118,7 @@ DRAFT_SUFFIX = ".part"
 
 
 def backup(address: str, file: Path, *, force: bool = False) -> Backup:
-    """Write a backup; the file has its name only once it is complete, checked and on the disk.
+    """Write a backup; the file gets its name only once it is complete, checked and on the disk.
 
     Args:
         address: address of the database; a service may use it meanwhile.
@@ -127,7 +127,7 @@ def backup(address: str, file: Path, *, force: bool = False) -> Backup:
 
     Raises:
         InvalidValue: the address is invalid.
-        Conflict: the file exists, or belongs to the database; or this is PostgreSQL's.
+        Conflict: the file exists, or belongs to the database; or the database is PostgreSQL's.
         ServiceError: the database cannot be read, or the file not written.
     """
     backend = find_backend(address)
@@ -159,8 +159,8 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
 
     Raises:
         InvalidValue: the address is invalid, or the file is not a backup.
-        Conflict: the database is not empty; or this is PostgreSQL's.
-        SchemaMismatch: the backup is of a newer program.
+        Conflict: the database is not empty; or it is PostgreSQL's.
+        SchemaMismatch: a newer program wrote the backup.
         ServiceError: the database is in use, or cannot be written.
     """
     instead = "pg_restore --clean --if-exists --single-transaction --dbname=DATABASE FILE"
@@ -185,10 +185,10 @@ def vacuum(address: str) -> Vacuumed:
 
     Raises:
         InvalidValue: the address is invalid.
-        Conflict: this is PostgreSQL's, which gives space back by itself.
-        StoreUnavailable: there is no database, or it does not answer.
+        Conflict: the database is PostgreSQL's, which gives space back by itself.
+        StoreUnavailable: the database does not exist, or does not answer.
         SchemaMismatch: its schema is not this program's.
-        ServiceError: the database is in use, or there is no room to work in.
+        ServiceError: the database is in use, or there is not enough room to work in.
     """
     instead = 'psql --command="VACUUM (ANALYZE)" DATABASE'
     path = _find_path(address, instead, "docs/scale.md")
@@ -208,7 +208,7 @@ def vacuum(address: str) -> Vacuumed:
 
 
 def _measure(path: Path) -> int:
-    """Return the size of a database with what lies beside it. [bytes]"""
+    """Return the size of a database with its companion files. [bytes]"""
     files = (path.with_name(path.name + ending) for ending in FILE_SUFFIXES)
     return sum(file.stat().st_size for file in files if file.exists())
 
@@ -275,7 +275,7 @@ def _replace_pages(path: Path, file: Path, *, force: bool) -> None:
 
 
 def _refuse_existing(file: Path, path: Path, force: bool) -> None:
-    """Raise Conflict if a file must not be overwritten, as the database's own never may."""
+    """Raise Conflict if a file must not be overwritten; the database's own files never may be."""
     if belongs_to(path, file):
         raise Conflict(f"{file} is the database itself.", "Name another file.")
     if file.exists() and not force:
@@ -283,7 +283,7 @@ def _refuse_existing(file: Path, path: Path, force: bool) -> None:
 
 
 def belongs_to(path: Path, file: Path) -> bool:
-    """Return whether a file is that of a database, or a companion file of SQLite."""
+    """Return whether a file is the database's file, or a companion file of SQLite."""
     whole, named = path.resolve(), file.resolve()
     own = [whole.with_name(whole.name + ending) for ending in FILE_SUFFIXES]
     # A hard link has another path, and a file that does not exist yet has a path alone.

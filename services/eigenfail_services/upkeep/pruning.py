@@ -48,7 +48,7 @@ def rehearse(address: str, rule: Retention, which: PruneSelection) -> PruneRepor
         InvalidValue: the address is invalid, or a named campaign holds evidence.
         NotFound: a named campaign does not exist.
         Conflict: a named campaign has not ended.
-        StoreUnavailable: there is no database, or it does not answer.
+        StoreUnavailable: the database does not exist, or does not answer.
         SchemaMismatch: its schema is not this program's.
     """
     with closing(open_store(address, migrate=False)) as store:
@@ -63,7 +63,7 @@ def rehearse(address: str, rule: Retention, which: PruneSelection) -> PruneRepor
 
 
 def prune(address: str, rule: Retention, which: PruneSelection) -> PruneReport:
-    """Remove noise and record that; raises what `rehearse` does, and StoreUnwritable."""
+    """Remove noise and record it; raises the errors of `rehearse`, and StoreUnwritable."""
     who = _find_user()
     with closing(open_store(address, migrate=False)) as store:
         # All campaigns are found before the first is pruned: a wrong name is refused while nothing
@@ -77,7 +77,7 @@ def prune(address: str, rule: Retention, which: PruneSelection) -> PruneReport:
 def _make_report(
     address: str, rule: Retention, found: Sequence[CampaignPruning], *, is_rehearsal: bool
 ) -> PruneReport:
-    """Return the report, without campaigns of which nothing is removed."""
+    """Return the report, without campaigns that lose nothing."""
     return PruneReport(
         find_backend(address).label,
         rule,

@@ -1,8 +1,8 @@
-"""Verification of a database: what is wrong, where, and what to do.
+"""Verification of a database: defects, their places, and their remedies.
 
 Each check is one statement whose rows are defects, so that a service may write meanwhile. Stored
-episodes are replayed in processes of their own, one for each campaign: what a planner changes in
-its process affects neither other campaigns nor this process.
+episodes are replayed in separate processes, one for each campaign: a planner's changes to its
+process affect neither other campaigns nor this process.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -56,7 +56,7 @@ class IntegrityCheck(msgspec.Struct, frozen=True):
 
     Attributes:
         name: name of the check.
-        promise: what holds if there is no defect.
+        promise: statement that holds without a defect.
         ask: yields the defects.
     """
 
@@ -346,7 +346,7 @@ def _read_stored(store: Store, campaign: int, index: int) -> tuple[EpisodeTask, 
     """Return the task that runs an episode again, and its stored digest.
 
     Pruned noise is drawn again from the episode's seed. The answer is None if the noise does not
-    follow from the seed, which the user who pruned it accepted.
+    follow from the seed; the user who pruned the noise accepted that.
     """
     try:
         stored = store.episodes.get(campaign, index)
@@ -398,7 +398,7 @@ def verify(address: str, how_many_replays: int = 0) -> Verification:
 
     Raises:
         InvalidValue: the address is invalid.
-        StoreUnavailable: there is no database, or it does not answer.
+        StoreUnavailable: the database does not exist, or does not answer.
         SchemaMismatch: its schema is not this program's.
         ServiceError: episodes cannot be run here.
     """

@@ -1,8 +1,8 @@
 """Answer a question about bridges in a separate process: `python -m eigenfail_workers.bridge`.
 
-An `eigenfail.bridges.BridgeQuestion` is read as JSON from standard input, and the answer is written
-as JSON to standard output, as `eigenfail.processes` defines: the results of the checks, what the
-bridge offers, or the golden messages by name.
+The process reads an `eigenfail.bridges.BridgeQuestion` as JSON from standard input. It writes the
+answer as JSON to standard output, as `eigenfail.processes` defines. The answer holds the results of
+the checks, the bridge's offer, or the golden messages by name.
 """
 
 from contextlib import closing

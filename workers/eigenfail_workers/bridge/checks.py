@@ -57,10 +57,10 @@ class BridgeSimulation:
     """One slot of a bridge, stepped by itself. Implements `Simulation` for the checks.
 
     Args:
-        connection: used by nothing else at the same time; it stays open.
-        start: what to begin; the seed is that of each reset, and the channels are those below.
-        channels: the channels, in the order of the disturbances. By default, disturbances are of
-            both channels of the position, and those that the bridge does not offer are left out.
+        connection: connection that nothing else uses at the same time; it stays open.
+        start: episode to begin; each reset replaces its seed, and `channels` its channels.
+        channels: the channels, in the order of the disturbances. By default, disturbances have
+            both channels of the position, and channels that the bridge does not offer are left out.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ def list_position(welcome: messages.BridgeWelcome) -> tuple[Channel, ...]:
 
 
 def select_components(channels: tuple[Channel, ...], disturbance: Row) -> Row:
-    """Return the components of a disturbance of the position that are of these channels."""
+    """Return the components of a position's disturbance that belong to the given channels."""
     pairs = zip(POSITION, disturbance, strict=True)
     return tuple(each for channel, each in pairs if channel in channels)
 
@@ -307,7 +307,7 @@ class BridgePace(msgspec.Struct, frozen=True):
         dt_s: duration of a step in the simulated world.
         alone_s: wall time for one episode, with its reset divided among the steps.
         together_s: wall time for all of several episodes side by side.
-        beside: number of those episodes.
+        beside: number of episodes side by side.
     """
 
     dt_s: float
@@ -337,11 +337,11 @@ class BridgePace(msgspec.Struct, frozen=True):
 
 
 def measure_pace(connection: Connection, start: messages.SlotStart) -> BridgePace:
-    """Measure the wall time of a step, after a first episode in which the bridge loads its parts.
+    """Measure the wall time of a step, after a first episode that makes the bridge load its parts.
 
     Raises:
         EpisodeError: the bridge fails.
-        InvalidValue: the bridge cannot run what it offers.
+        InvalidValue: the bridge cannot run an episode that it offers.
     """
     beside = min(connection.welcome.slots, MAX_BESIDE)
     dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
@@ -360,8 +360,8 @@ def _measure_step_s(connection: Connection, start: messages.SlotStart, beside: i
 def check_bridge(address: str, campaign: CampaignSpec | None = None) -> list[CheckResult]:
     """Run all checks with the first scenario and planner that the bridge offers.
 
-    Every other scenario and planner must run one episode to its end. Of a campaign, one episode is
-    run in place of the checks.
+    Every other scenario and planner must run one episode to its end. If a campaign is given, one of
+    its episodes is run in place of the checks.
 
     Raises:
         InvalidValue: the address is not valid, or nothing may connect to it; or the campaign cannot

@@ -28,13 +28,14 @@ DELIMITER = b""
 
 
 class BridgeTimeouts(msgspec.Struct, frozen=True):
-    """Time limits for a bridge, all of which follow from the wall time of an episode. [s]
+    """Time limits for a bridge; all follow from the wall time of an episode. [s]
 
     Attributes:
-        limit_s: wall time of an episode after which the worker kills the process that waits.
-        episode_s: wall time after which an episode is given up; n side by side may take n times it.
-        answer_s: for an answer.
-        hello_s: for the answer to a hello, which is the time that a bridge has to start up.
+        limit_s: wall time of an episode after which the worker kills the waiting process.
+        episode_s: wall time after which an episode is given up; n episodes side by side may take n
+            times as long.
+        answer_s: limit for an answer.
+        hello_s: limit for the answer to a hello: the time that a bridge has to start up.
     """
 
     limit_s: float
@@ -81,14 +82,14 @@ class Connection:
 
     Args:
         address: address of the bridge, already checked.
-        timeouts: for the bridge; default: those of this worker.
+        timeouts: time limits for the bridge; default: the limits of this worker.
         left_s: time limit for opening the session. [s]
 
     Attributes:
         welcome: what the bridge offers.
 
     Raises:
-        BridgeLost: no bridge answers, or it has no free session.
+        BridgeLost: no bridge answers, or all of its sessions are in use.
         SimulatorError: the bridge violates the protocol, or refuses the session.
     """
 
@@ -151,7 +152,7 @@ class Connection:
 
     @property
     def is_alive(self) -> bool:
-        """Whether no disconnection of the bridge has been noticed."""
+        """True if no disconnection of the bridge has been noticed."""
         return not self._monitor.poll(0)
 
     def next_id(self) -> int:
@@ -238,7 +239,7 @@ class Connection:
                 self.drop()
 
     def drop(self) -> None:
-        """Disconnect without ending the session; later calls have no effect."""
+        """Disconnect without ending the session; later calls do nothing."""
         if not self._socket.closed:
             self._socket.disable_monitor()
             self._monitor.close(linger=0)
@@ -252,7 +253,7 @@ class SharedConnection:
 
     Args:
         address: address of the bridge.
-        timeouts: for the bridge; default: those of this worker.
+        timeouts: time limits for the bridge; default: the limits of this worker.
     """
 
     def __init__(self, address: str, timeouts: BridgeTimeouts | None = None) -> None:
@@ -263,20 +264,20 @@ class SharedConnection:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection without a known error."""
+        """True if there is a connection without a known error."""
         return self._connection is not None
 
     def get(self, left_s: float) -> Connection:
         """Return the connection, opened if necessary.
 
-        A bridge that was reachable before is awaited for all the time that is left, any other one
-        only for the time that a bridge has to start up.
+        A bridge that was reachable before is awaited for the whole remaining time. Any other bridge
+        is awaited only for the time that a bridge has to start up.
 
         Args:
             left_s: time limit. [s]
 
         Raises:
-            BridgeLost: no bridge answers by then, or it has no free session.
+            BridgeLost: no bridge answers by then, or all of its sessions are in use.
             SimulatorError: the bridge violates the protocol, or refuses the session.
         """
         if self._connection is None:

@@ -42,7 +42,7 @@ class RetryQueue:
         return len(self._waiting)
 
     def add(self, episodes: list[BridgeEpisode], error: BridgeLost) -> list[EpisodeResult]:
-        """Count a loss for each episode, and return the results of those out of attempts."""
+        """Count a loss for each episode; return the results of episodes out of attempts."""
         results = []
         for episode in episodes:
             index = episode.task.index
@@ -58,7 +58,7 @@ class RetryQueue:
         return results
 
     def is_suspect(self, task: EpisodeTask) -> bool:
-        """Whether one more loss would fail the episode."""
+        """Return whether one more loss would fail the episode."""
         return self._losses.get(task.index, 0) == MAX_LOSSES - 1
 
     def pop(self, beside: int) -> EpisodeTask | None:
@@ -84,7 +84,7 @@ class PendingRequest(NamedTuple):
 
     Attributes:
         group: group of episodes that the request is for.
-        slots: slots that it asks for, in order.
+        slots: slots that it requests, in order.
     """
 
     group: SlotGroup
@@ -94,9 +94,9 @@ class PendingRequest(NamedTuple):
 class SlotTable:
     """The episodes in the slots of a bridge, in two groups that take turns.
 
-    While the bridge steps one group, this process measures the other. A request covers the new
-    episodes of a group or those under way; the next one follows when it has been answered. The
-    result of an episode does not depend on how many run beside it.
+    The bridge steps one group while this process measures another. A request covers either the new
+    or the running episodes of a group; the group's next request follows after the answer.
+    The result of an episode does not depend on the number of episodes that run alongside.
     """
 
     def __init__(self) -> None:
@@ -147,7 +147,7 @@ class SlotTable:
     def process(
         self, answer: messages.Observations | messages.Closed, connection: Connection
     ) -> list[EpisodeResult]:
-        """Advance the episodes of an answer, and return the results of those that have ended.
+        """Advance the episodes of an answer, and return the results of ended episodes.
 
         Raises:
             SimulatorError: the answer matches no request, or has another number of slots.
@@ -191,8 +191,8 @@ class BridgeEngine:
             them; None if it is not asked to.
 
     Attributes:
-        declined: why no episode of the campaign can run on this bridge, which does not offer one of
-            the names that all of them share; empty as long as no such name is known.
+        declined: reason why no episode of the campaign can run on this bridge: all episodes need a
+            name that the bridge does not offer. Empty as long as no such name is known.
 
     Raises:
         InvalidValue: the horizon is missing, or a parameter or setting cannot be sent to a bridge.
@@ -324,6 +324,6 @@ def make_bridge_engine(setup: EpisodeSetup) -> BridgeEngine:
     """Return the engine of a campaign on the bridge of this worker.
 
     Raises:
-        InvalidValue: this worker has no bridge, or the campaign cannot be sent to one.
+        InvalidValue: this worker lacks a bridge, or the campaign cannot be sent to one.
     """
     return BridgeEngine(setup, connect_from_environment())

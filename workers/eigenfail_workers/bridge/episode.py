@@ -119,11 +119,11 @@ class BridgeEpisode:
 
     @property
     def has_begun(self) -> bool:
-        """Whether the bridge has reported the start of the episode."""
+        """True if the bridge has reported the start of the episode."""
         return self._reader.has_begun
 
     def make_start(self, slot: int) -> messages.SlotStart:
-        """Return what a reset asks for in a slot."""
+        """Return the part of a reset request for a slot."""
         setup, seed = self._campaign.setup, self.task.seed
         return messages.SlotStart(
             slot,
@@ -138,7 +138,7 @@ class BridgeEpisode:
         )
 
     def make_step(self, slot: int) -> messages.SlotStep:
-        """Return what the next step asks for in a slot."""
+        """Return the part of the next step request for a slot."""
         return make_step(slot, self._campaign.noise.perceived, self._disturbance)
 
     def advance(
@@ -148,7 +148,7 @@ class BridgeEpisode:
 
         Args:
             seen: answer to the last request.
-            beside: number of episodes that share the time of the bridge, this one included.
+            beside: number of episodes that share the bridge's time, including this one.
             connection: connection to the bridge.
         """
         try:
@@ -194,12 +194,12 @@ class BridgeEpisode:
 
 
 def list_injected(channels: tuple[Channel, ...]) -> tuple[messages.InjectedChannel, ...]:
-    """Return what a reset says of the channels of an episode."""
+    """Return the channels of an episode in the form that a reset sends."""
     return tuple(messages.InjectedChannel(channel.name, channel.ahead_m) for channel in channels)
 
 
 def make_step(slot: int, channels: tuple[Channel, ...], disturbance: Row) -> messages.SlotStep:
-    """Return what a step asks for in a slot."""
+    """Return the part of a step request for a slot."""
     names = [channel.name for channel in channels]
     return messages.SlotStep(slot, dict(zip(names, disturbance, strict=True)))
 
@@ -223,23 +223,23 @@ class ObservationReader:
 
     @property
     def has_begun(self) -> bool:
-        """Whether the start has been read."""
+        """True if the start has been read."""
         return self._last is not None
 
     def read(self, seen: messages.SlotObservation, disturbance: Row) -> Observation:
         """Return the true state at the start, or after a step with the planner's control.
 
-        If the bridge does not report the perceived position, it is the one that follows from
-        the disturbance, and NaN if vehicles come and go; where it does not report the control,
-        that follows from the change of speed, without steering.
+        If the bridge does not report the perceived position, the position follows from the
+        disturbance; it is NaN if vehicles come and go. If the bridge does not report the control,
+        the control follows from the change of speed, without steering.
 
         Args:
-            seen: what the bridge shows.
-            disturbance: a_t of each channel in the step just taken; of no effect at the start.
+            seen: observation of the bridge.
+            disturbance: a_t of each channel in the step just taken; without effect at the start.
 
         Raises:
             EpisodeError: the episode did not begin, or cannot go on.
-            InvalidValue: the bridge cannot do what the campaign asks for.
+            InvalidValue: the bridge cannot do what the campaign requires.
         """
         before = self._last
         now = self._read_start(seen) if before is None else self._go_on(seen, before, disturbance)
@@ -248,9 +248,10 @@ class ObservationReader:
         return now
 
     def number_vehicles(self, account: Account) -> Account:
-        """Return an account in which vehicles have the numbers of the scene in place of their ids.
+        """Return an account that names vehicles by their numbers in the scene, not by their ids.
 
-        Without `ids`, or for an id that was never shown, a vehicle is left as it is named.
+        Without `ids`, the account is unchanged. If an id was never shown, it remains in `vehicle`
+        and is left out of `lost_vehicles`.
         """
         if not self._vehicles:
             return account
@@ -341,7 +342,7 @@ class ObservationReader:
     def _register(
         self, seen: messages.SlotObservation, others: tuple[VehicleState, ...]
     ) -> tuple[int, ...] | None:
-        """Return the number of each other vehicle, in the order in which they were first seen."""
+        """Return numbers for `others`, by order of first appearance; None without ids."""
         ids = seen.ids
         if ids is None:
             return None
@@ -367,7 +368,7 @@ def _write_id(named: str | float) -> str:
 
 
 def record_step(seen: messages.SlotObservation, now: Observation, dt_s: float) -> RecordedStep:
-    """Return what the bridge says of the planner's decision in the step just taken."""
+    """Return the bridge's explanation of the planner's decision in the step just taken."""
     # An account may be plain text: it is kept under one name.
     given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
     account, path = read_account(given or {}), thin_path(seen.path or ())
@@ -375,7 +376,7 @@ def record_step(seen: messages.SlotObservation, now: Observation, dt_s: float) -
 
 
 def _read_ego(seen: messages.SlotObservation, step: int) -> VehicleState:
-    """Return the ego of an observation, which must be that of the given step."""
+    """Return the ego of an observation; the observation must show the given step."""
     if seen.fault is not None:
         raise messages.make_error(seen.fault, seen.message)
     if seen.ego is None or not seen.others:
@@ -396,7 +397,7 @@ def _read_border(border: Sequence[Sequence[float]]) -> Floats:
     """Return the points of a border of the road, shape (points, 2).
 
     Raises:
-        SimulatorError: a number is beyond what is kept.
+        SimulatorError: a number is outside the range that is kept.
     """
     points = np.array(border, np.float64)
     if (lost := find_lost(points)) is not None:

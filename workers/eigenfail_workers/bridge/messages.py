@@ -1,8 +1,8 @@
 """Messages between a worker and a bridge. docs/bridge.md describes the protocol.
 
-Unknown keys are ignored, so that either side may know more than the other. A message that cannot be
-decoded is a SimulatorError: no message can run code, and no number in it is NaN or infinite. An
-observation that cannot be decoded is the fault of its slot alone.
+Unknown keys are ignored, so that either side may be newer. A message that cannot be decoded is a
+SimulatorError: no message can run code, and no number in it is NaN or infinite. An observation that
+cannot be decoded is the fault of its slot alone.
 """
 
 from collections.abc import Callable, Iterator
@@ -59,7 +59,7 @@ class InjectedChannel(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         name: its name.
-        ahead_m: of a ghost alone: how far ahead of the ego's centre it is first seen.
+        ahead_m: only for a ghost: distance ahead of the ego's centre at which it is first seen.
     """
 
     name: str
@@ -70,7 +70,7 @@ class SlotStart(msgspec.Struct, frozen=True, omit_defaults=True):
     """Episode that a reset begins in one slot.
 
     Attributes:
-        seed: as text where the bridge asks for that.
+        seed: seed of the episode; a text if the bridge's welcome sets `seed_text`.
         channels: channels for which each step holds a value.
         explain: whether the bridge is to say what its planner computes.
     """
@@ -98,8 +98,8 @@ class SlotStep(msgspec.Struct, frozen=True):
     """Disturbance of one slot in a step.
 
     Attributes:
-        disturbances: of each channel by name, in its unit; of an event 1 while it lasts, and
-            otherwise 0.
+        disturbances: value of each channel by name, in its unit; for an event, 1 while it lasts,
+            and otherwise 0.
     """
 
     slot: int
@@ -149,8 +149,8 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     """Acceptance of a session: what the bridge offers, and its number of slots.
 
     Attributes:
-        channels: names of the channels that the bridge can disturb; default: those of the position
-            of the nearest vehicle. `every.` stands for each vehicle.
+        channels: names of the channels that the bridge can disturb; default: both channels of the
+            nearest vehicle's position. `every.` means each vehicle.
         signals: signals that each observation has a value of.
         seed_text: whether seeds are to be sent as text.
     """
@@ -167,7 +167,7 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
 
     @property
     def offer(self) -> bridges.BridgeOffer:
-        """What the bridge offers to campaigns: names, without the defaults."""
+        """The bridge's offer to campaigns: names, without the defaults."""
         scenarios = [
             bridges.OfferedScenario(each.name, each.dt_s, each.steps, tuple(each.parameters or ()))
             for each in self.scenarios
@@ -200,13 +200,13 @@ class SlotObservation(msgspec.Struct, frozen=True):
     """True state of the episode in one slot, or the fault that prevented it.
 
     Attributes:
-        ids: of each other vehicle; those that come and go are known again by it.
+        ids: id of each other vehicle, which identifies vehicles that come and go.
         signals: values of the signals of the welcome, by name.
         account: what the planner believed in the step just taken.
-        path: where it means to drive, the present position first. [m]
-        kinds: what each other vehicle is, in their order.
-        road: borders of the lanes, each a list of points; of the start alone. [m]
-        peak_braking_mps2: deceleration that the ego's brakes can do; of the start alone.
+        path: points of the planned path, the present position first. [m]
+        kinds: kind of each other vehicle, in the order of `others`.
+        road: borders of the lanes, each a list of points; only at the start. [m]
+        peak_braking_mps2: largest deceleration of the ego's brakes; only at the start.
     """
 
     step: Count | None = None
@@ -237,7 +237,7 @@ class Observations(BridgeMessage, frozen=True, tag="observations"):
 
 
 class RawObservations(BridgeMessage, frozen=True, tag="observations"):
-    """The same with the bytes of each observation, so that each is read by itself."""
+    """The same message with the bytes of each observation, so that each is read separately."""
 
     id: int
     slots: Annotated[tuple[msgspec.Raw, ...], Meta(max_length=MAX_SLOTS)]
@@ -282,7 +282,7 @@ def encode(message: BridgeMessage) -> bytes:
 
 
 def read_answer(data: bytes) -> Answer:
-    """Return the answer of a bridge that some bytes hold.
+    """Return the answer of a bridge, decoded from its bytes.
 
     Raises:
         SimulatorError: the bytes do not follow the protocol.
@@ -351,7 +351,7 @@ def match_answer(
 
 
 def make_error(fault: Fault, message: str) -> errors.EpisodeError | errors.InputError:
-    """Return the error that a fault of the bridge stands for."""
+    """Return the error for a fault that the bridge reports."""
     return _ERRORS[fault](sanitize(message) or f"The bridge blames the {fault} without a word.")
 
 

@@ -1,7 +1,7 @@
-"""What the bridge of a worker offers, found out without waiting and without a session that stays.
+"""Query of the offer of a worker's bridge, without waiting and without keeping a session.
 
-The services refuse a campaign at its launch that names what the bridge does not offer. So a worker
-asks its bridge before there is a campaign, and again when the bridge comes back.
+The services refuse a campaign at its launch if the bridge does not offer its parts. So a worker
+queries its bridge before there is a campaign, and again when the bridge comes back.
 """
 
 import contextlib
@@ -26,17 +26,17 @@ log = structlog.get_logger()
 
 
 class BridgeProbe:
-    """Asks a bridge what it offers, once for each connection.
+    """Queries the offer of a bridge, once for each connection.
 
-    The session that the question needs is closed as soon as it is answered. A bridge that holds a
-    single session ends the one of the worker's episodes for it, so `update` has to be told whether
-    episodes may be running there.
+    The session for the query is closed when the answer arrives. A bridge that holds a single
+    session would end the session of the worker's episodes for the query. So `update` queries the
+    bridge only if `may_ask` states that no episodes run there.
 
     Args:
         address: address of the bridge, checked.
 
     Attributes:
-        offer: what the bridge offers; None as long as that is not known.
+        offer: the bridge's offer; None while it is unknown.
     """
 
     def __init__(self, address: str) -> None:
@@ -53,7 +53,7 @@ class BridgeProbe:
         self._socket.connect(address)
 
     def update(self, *, may_ask: bool) -> bool:
-        """Process what has arrived, ask if it is time to, and return whether the offer has changed.
+        """Process incoming messages, send a due query, and return whether the offer has changed.
 
         Args:
             may_ask: whether no episode of this worker runs on the bridge.
@@ -84,7 +84,7 @@ class BridgeProbe:
         """Set the offer from the answer to a hello; any other message is ignored.
 
         A bridge that violates the protocol offers nothing that could be checked. Its campaigns are
-        launched, and their episodes say what is wrong with it.
+        launched, and their episodes report the violation.
         """
         if not self._is_asked or self.offer is not None:
             return

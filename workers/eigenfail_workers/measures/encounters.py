@@ -1,12 +1,12 @@
 """The ego and other vehicles, at a moment and between two: conflicts, near passes and contacts.
 
 Surrogate safety measures have the definitions of FHWA-RD-03-050 (Surrogate Safety Measures from
-Traffic Simulation Models), taken from one lane to the plane: the gap is the distance between the
-footprints, and the closing speed is the relative velocity along the line of nearest points.
+Traffic Simulation Models), extended from one lane to the plane. The gap is the distance between the
+footprints. The closing speed is the relative velocity along the line of nearest points.
 
-Between two samples a footprint is taken to turn at a constant rate, the short way, and to move on
-the arc that a vehicle drives that turns so; on a straight line if it does not turn. Without that
-motion a vehicle that crosses the ego within one step is never seen to touch it.
+Between two samples, a footprint is assumed to turn at a constant rate, the short way. It moves on
+the arc of a vehicle that turns at this rate, or on a straight line if it does not turn. Without
+this motion, a vehicle that crosses the ego within one step would never be seen to touch it.
 """
 
 from collections.abc import Sequence
@@ -60,9 +60,9 @@ def find_conflict(
 ) -> TrafficConflict | None:
     """Return the conflict of the ego with another vehicle, or None.
 
-    A conflict exists while the gap is positive and shrinks, and the other vehicle is in the ego's
-    path or entering it. At contact there is no conflict: DRAC tends to infinity there, so that its
-    largest value is that of the last moment before the contact.
+    A conflict exists while the gap is positive and shrinks, and the vehicle is in the ego's path or
+    entering it. A contact is not a conflict, because DRAC tends to infinity there. The largest DRAC
+    is therefore the value at the last moment before the contact.
     """
     if between.distance_m == 0.0 or not shares_path(ego, other):
         return None
@@ -76,9 +76,9 @@ def find_conflict(
 
 
 def shares_path(ego: VehicleState, other: VehicleState) -> bool:
-    """Whether the footprints overlap laterally, now or within LOOK_AHEAD_S.
+    """Return whether the footprints overlap laterally, now or within LOOK_AHEAD_S.
 
-    Lateral is across the road; the lateral velocities are assumed constant.
+    Lateral means across the road; the lateral velocities are assumed constant.
     """
     offset = other.y_m - ego.y_m
     gap = (
@@ -100,8 +100,8 @@ class Pass(NamedTuple):
     """The smallest distance between two samples.
 
     Attributes:
-        share: when it is reached, as a share of the step.
-        distance_m: of the footprints; 0 if they touch or overlap.
+        share: moment of the smallest distance, as a share of the step.
+        distance_m: distance of the footprints; 0 if they touch or overlap.
     """
 
     share: float
@@ -111,11 +111,11 @@ class Pass(NamedTuple):
 def move(before: VehicleState, after: VehicleState, share: float) -> VehicleState:
     """Return a vehicle within a step.
 
-    A footprint is the same after half a turn, so that a heading that is turned round within a step,
-    as trackers do by mistake, turns no footprint.
+    A footprint is the same after half a turn. So a heading that is reversed within a step, as
+    trackers do by mistake, does not turn the footprint.
 
     Args:
-        before: state at the sample before.
+        before: state at the previous sample.
         after: state at the next sample.
         share: part of the step that is over, in [0, 1].
     """
@@ -162,13 +162,13 @@ def find_pass(
 
     The search runs only if the motion can hide more than HIDDEN_M. The distance of two convex
     shapes is convex in time while they do not turn: the tangents at both samples bound it from
-    below. Turning takes at most the half-diagonals times the angles off that bound, an arc at most
-    four times its height.
+    below. Turning lowers that bound by at most the half-diagonals times the angles, and an arc
+    lowers it by at most four times its height.
 
     Args:
-        before: the two vehicles at the sample before.
-        after: the two at the next sample.
-        apart_before: their separation then.
+        before: the two vehicles at the previous sample.
+        after: the two vehicles at the next sample.
+        apart_before: their separation at the previous sample.
         apart_after: their separation at the next sample.
     """
     ego, other, ego_after, other_after = before.ego, before.other, after.ego, after.other
@@ -208,12 +208,12 @@ def _bound_bend(before: VehicleState, after: VehicleState) -> float:
 
 
 def _search_step(before: Pair, after: Pair, least_m: float) -> Pass | None:
-    """Return the smallest distance within a step, if it is below that of both samples.
+    """Return the smallest distance within a step, if it is below the distance at both samples.
 
     Args:
-        before: the two vehicles at the sample before.
-        after: the two at the next sample.
-        least_m: smaller distance of the two samples.
+        before: the two vehicles at the previous sample.
+        after: the two vehicles at the next sample.
+        least_m: smaller of the distances at the two samples.
     """
     turns_rad = [
         abs(remainder(late.heading_rad - early.heading_rad, pi))
@@ -290,14 +290,14 @@ class TrafficSample(NamedTuple):
     numbers: Sequence[int]
 
     def by_number(self) -> dict[int, VehicleState]:
-        """Return the other vehicles by their numbers."""
+        """Return the vehicles except the ego, by number."""
         return dict(zip(self.numbers, self.others, strict=True))
 
 
 def may_touch(before: TrafficSample, after: TrafficSample) -> bool:
-    """Whether the ego may touch a vehicle within a step, or at its end.
+    """Return whether the ego may touch a vehicle within a step, or at its end.
 
-    It rules most steps out, with a few sums for each vehicle.
+    This test rules out most steps, with a few sums for each vehicle.
     """
     if before.numbers != after.numbers:
         return True
@@ -322,18 +322,19 @@ def find_contact(
     """Return the moment within a step at which the ego first touches a vehicle.
 
     Args:
-        before: the vehicles at the sample before.
+        before: the vehicles at the previous sample.
         after: the vehicles at the next sample.
         dt_s: duration of the step.
-        is_reported: whether the simulator reports a collision. Some take the struck vehicle away
-            at once: it is then put where it would have been touched.
+        is_reported: whether the simulator reports a collision. Some simulators remove the struck
+            vehicle at once: it is then placed at the point of contact.
 
     Returns:
-        None if it touches none, or if the sample shows the first one that it touches.
+        None if the ego touches no vehicle, or if the sample shows the first vehicle that it
+        touches.
 
     Raises:
         SimulatorError: a vehicle jumps across the ego, or vanishes in front of it without a
-            collision, so that nobody can say whether they collided.
+            collision, so that a collision can be neither confirmed nor ruled out.
     """
     known, shown_after = before.by_number(), after.by_number()
     vanished = _find_vanished(before, after, dt_s)
@@ -376,9 +377,9 @@ def find_contact(
 def _find_vanished(
     before: TrafficSample, after: TrafficSample, dt_s: float
 ) -> dict[int, VehicleState]:
-    """Return the vehicles that are gone and that the ego would have touched, by number.
+    """Return the vanished vehicles that the ego would have touched, by number.
 
-    They are where they would be at the next sample if they went on as they did.
+    Their positions at the next sample are extrapolated at constant velocity.
     """
     found = {}
     shown = after.by_number()
@@ -393,7 +394,7 @@ def _find_vanished(
 
 
 def _bound_way(before: Pair, after: Pair) -> float:
-    """Return an upper bound of the way within a step, relative to the other footprint. [m]"""
+    """Return an upper bound of the relative motion of two footprints within a step. [m]"""
     dx = (after.other.x_m - before.other.x_m) - (after.ego.x_m - before.ego.x_m)
     dy = (after.other.y_m - before.other.y_m) - (after.ego.y_m - before.ego.y_m)
     turned_m = _bound_turn(before.ego, after.ego) + _bound_turn(before.other, after.other)
@@ -428,18 +429,19 @@ def _check_way(number: int, before: VehicleState, after: VehicleState, dt_s: flo
 def end_at_contact(before: Observation | None, now: Observation, dt_s: float) -> Observation:
     """Return an observation with the collision that its footprints show.
 
-    A contact at the sample ends the episode there; for one between the samples, the vehicles are
-    put where the ego first touches another one. So what a simulator does not report is never
-    taken for safe, and what it shows after a contact is not judged.
+    A contact at the sample ends the episode there. For a contact between the samples, the vehicles
+    are placed at their positions at the ego's first contact. So an unreported collision is never
+    taken for safe, and states after a contact are not judged.
 
     Args:
-        before: observation before this one; None at the start.
+        before: previous observation; None at the start.
         now: the observation.
         dt_s: duration of a step.
 
     Raises:
         InvalidValue: the episode starts in a collision.
-        SimulatorError: a collision is reported that the footprints rule out; or they cannot tell.
+        SimulatorError: the footprints rule out a reported collision, or do not show whether there
+            is a collision.
     """
     if before is not None:
         earlier, later = make_sample(before), make_sample(now)
@@ -479,7 +481,7 @@ def make_sample(seen: Observation) -> TrafficSample:
 
 
 def touch(ego: VehicleState, other: VehicleState) -> bool:
-    """Whether two footprints touch or overlap."""
+    """Return whether two footprints touch or overlap."""
     return (
         geometry.distance_lower_bound(ego, other) <= 0.0
         and geometry.separation(ego, other).distance_m == 0.0

@@ -13,7 +13,8 @@ CONTACT = Separation(0.0, (0.0, 0.0))
 def find_nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
     """Return the index of the actor: the vehicle whose centre is nearest to the ego's centre.
 
-    The disturbance model's distances are between centres, too. Of equals the first is returned.
+    The disturbance model also measures distances between centres. If several vehicles are nearest,
+    the first one is returned.
     """
     if len(others) == 1:
         return 0
@@ -24,7 +25,7 @@ def find_nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
 def find_struck(ego: VehicleState, others: Sequence[VehicleState]) -> int:
     """Return the index of the vehicle that the ego touches: the one at the smallest distance.
 
-    If several overlap the ego, it is the one whose circumcircle overlaps the ego's most.
+    If several vehicles overlap the ego, the one whose circumcircle overlaps the ego's most counts.
     """
     return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
 
@@ -109,8 +110,8 @@ class _View(NamedTuple):
 
     Attributes:
         towards_rad: direction of its centre in the road's plane.
-        first_rad: where the footprint begins, from `towards_rad`, below 0; `last_rad` where it
-            ends, above 0.
+        first_rad: direction of the footprint's first edge from `towards_rad`, below 0; `last_rad`
+            is the direction of its last edge, above 0.
     """
 
     towards_rad: float
@@ -122,9 +123,9 @@ def find_hidden(ego: VehicleState, others: Sequence[VehicleState]) -> set[int]:
     """Return the indexes of the vehicles that the ego's sensor cannot see.
 
     The sensor is at the centre of the ego's front and looks in all directions. A vehicle is hidden
-    if every ray to its footprint first meets another one; the ego itself hides nothing. Footprints
-    that do not overlap do not change their order along the rays that meet both, so that one ray
-    tells which of two is in front. A vehicle at the sensor itself is seen, and hides nothing.
+    if every ray to its footprint first meets another footprint; the ego itself hides nothing. Two
+    footprints that do not overlap have the same order along all rays that meet both. So one ray
+    shows which footprint is in front. A vehicle at the sensor itself is seen, and hides nothing.
     """
     half_length = 0.5 * ego.length_m
     x = ego.x_m + half_length * cos(ego.heading_rad)
@@ -187,7 +188,10 @@ def _cover(
 
 
 def _measure_ray(x: float, y: float, ray_rad: float, vehicle: VehicleState) -> float:
-    """Return the distance from a point to where a ray enters a footprint that it meets. [m]"""
+    """Return the distance from a point to the entry of a ray into a footprint. [m]
+
+    The ray must meet the footprint.
+    """
     # The slab method: in the frame of the footprint, the ray is inside once it is within both
     # ranges.
     turn, dx, dy = ray_rad - vehicle.heading_rad, x - vehicle.x_m, y - vehicle.y_m
@@ -199,12 +203,12 @@ def _measure_ray(x: float, y: float, ray_rad: float, vehicle: VehicleState) -> f
 
 
 def _measure_slab(start_m: float, cosine: float, half_m: float) -> float:
-    """Return the distance along a ray to where it enters the range from -half_m to half_m. [m]
+    """Return the distance along a ray to its entry into the range from -half_m to half_m. [m]
 
     It is -inf if the ray is parallel to the range.
 
     Args:
-        start_m: where the ray begins on the axis of the range.
+        start_m: start of the ray on the axis of the range.
         cosine: cosine of the angle between the ray and that axis.
         half_m: half of the range.
     """

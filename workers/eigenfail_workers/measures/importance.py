@@ -1,9 +1,9 @@
 """Importance functions: how close the ego is to a collision after a step.
 
 Multilevel splitting continues the episodes with the largest values. An importance function changes
-the variance of the estimate and not its mean; what it must do is to rise early in episodes that
-will collide. Required braking does so where a planner notices a vehicle too late: the gap is still
-wide, and closes too fast. The distance does not: it falls in safe episodes as well.
+the variance of the estimate, but not its mean. It must rise early in episodes that will collide.
+Required braking does so if a planner notices a vehicle too late: the gap is still wide, and closes
+too fast. The distance does not: it falls in safe episodes as well.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,10 +15,10 @@ from eigenfail_workers.values import Encounter, TrafficConflict
 
 
 class Approach(NamedTuple):
-    """What the ego and the vehicles around it do after a step.
+    """Encounters and acceleration of the ego after a step.
 
     Attributes:
-        encounters: the ego with each other vehicle.
+        encounters: encounters of the ego with each other vehicle.
         acceleration_mps2: acceleration of the ego; 0 if the simulator does not report it.
     """
 
@@ -38,9 +38,9 @@ SMALLEST_GAP_M: Final = 0.05
 def predict_required_braking(approach: Approach) -> float:
     """Return DRAC if the ego keeps its acceleration for a second; 0 without a conflict. [m/s²]
 
-    If the planner brakes already the need shrinks, and where it accelerates the need grows.
-    On `cut_in`, in 24 to 40 runs of each, splitting by this took fewer episodes than by DRAC itself
-    for the same precision.
+    If the planner already brakes, the need shrinks. If it accelerates, the need grows. On `cut_in`,
+    in 24 to 40 runs of each, splitting by this value took fewer episodes than splitting by DRAC
+    itself, for the same precision.
     """
     return max(
         (_predict_drac(one, approach.acceleration_mps2) for one in approach.list_conflicts()),

@@ -129,7 +129,7 @@ class ViolationTracker:
         return self._first.get(vehicle, NO_VIOLATIONS)
 
     def find_earliest_violations(self) -> FirstViolations:
-        """Return the earliest violations by any vehicle; DRAC is that of the earliest warning."""
+        """Return the earliest violations by any vehicle, with the DRAC at the earliest warning."""
         warned = [first for first in self._first.values() if first.ttc_step is not None]
         warning = min(warned, key=_ttc_step, default=NO_VIOLATIONS)
         drac_steps = [each.drac_step for each in self._first.values() if each.drac_step is not None]
@@ -191,7 +191,7 @@ class Recorder:
 
     @property
     def collided(self) -> bool:
-        """Whether the last observation was a collision."""
+        """True if the last observation was a collision."""
         return bool(self._course) and self._course[-1].collided
 
     def add_disturbance(self, z: Row, sigma: Row) -> None:
@@ -242,7 +242,7 @@ class Recorder:
         Args:
             now: the moment.
             met: encounters at earlier moments of the same step.
-            dt_s: time since the moment before.
+            dt_s: time since the previous moment.
         """
         self._last_drac_mps2 = 0.0
         # Vehicles that are not there now are forgotten: when one comes back, nobody knows its way.
@@ -343,7 +343,7 @@ class Recorder:
         """Return the importance after each step, shape (steps,); None if it is not recorded.
 
         Raises:
-            SimulatorError: a value is beyond what is stored.
+            SimulatorError: a value is outside the range that is stored.
         """
         if self._importance is None:
             return None
@@ -408,7 +408,8 @@ def _refuse_lost(numbers: Sequence[float], name: str, step: int) -> None:
 def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
     """Return poses, shape (observations, vehicles, 4), and sizes, shape (vehicles, 2), of a course.
 
-    Vehicle 0 is the ego. NaN if a vehicle is not there; its size is that of its first moment.
+    Vehicle 0 is the ego. The pose of an absent vehicle is NaN. Its size is taken from its first
+    observation.
 
     Raises:
         SimulatorError: vehicles without numbers come or go.

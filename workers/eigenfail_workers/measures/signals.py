@@ -26,7 +26,7 @@ REPORTED: Final = (f"{BRIDGE}.", f"{PLANNER}.")
 
 
 class CutIns:
-    """Which vehicles have cut in later than UN R157 holds to be preventable."""
+    """Finds vehicles that cut in so late that UN R157 considers a collision unpreventable."""
 
     def __init__(self) -> None:
         self._inside: set[int] = set()
@@ -49,7 +49,7 @@ class CutIns:
             ego: the ego.
             others: every other vehicle that is there.
             lane: lane of the ego.
-            numbers: number of each of them, by which it is known again; default: its place.
+            numbers: number of each vehicle, which identifies it in later steps; default: its place.
         """
         centre_m = ego.y_m - lane.offset_m
         same_lane = abs(centre_m - self._centre_m) < 0.5 * lane.width_m
@@ -69,9 +69,9 @@ class CutIns:
 
 
 def is_preventable(ego: VehicleState, other: VehicleState) -> bool:
-    """Return whether UN R157 demands that a collision be avoided with a vehicle that cuts in now.
+    """Return whether UN R157 requires avoiding a collision with a vehicle that cuts in now.
 
-    A vehicle beside the ego leaves no time; one that is no slower gives all of it.
+    A vehicle alongside the ego leaves no time. A vehicle that is not slower leaves unlimited time.
     """
     gap_m = find_gap(ego, other)
     closing_mps = velocity(ego)[0] - velocity(other)[0]
@@ -82,7 +82,7 @@ def is_preventable(ego: VehicleState, other: VehicleState) -> bool:
 
 
 def find_gap(ego: VehicleState, other: VehicleState) -> float:
-    """Return the distance along the road from the front of the ego to the rear of the other. [m]"""
+    """Return the distance along the road from the ego's front to the rear of a vehicle. [m]"""
     return other.x_m - ego.x_m - _half_length_along_road(ego) - _half_length_along_road(other)
 
 
@@ -94,8 +94,8 @@ def _half_length_along_road(vehicle: VehicleState) -> float:
 def find_leader(ego: VehicleState, others: Sequence[VehicleState]) -> tuple[float, float]:
     """Return the gap to the next vehicle ahead in the path of the ego, and its speed. [m, m/s]
 
-    It is in the path if the footprints overlap across the road. Without one: NOBODY_M, and the
-    speed of the ego.
+    A vehicle is in the path if the footprints overlap across the road. Without a vehicle ahead, the
+    values are NOBODY_M and the speed of the ego.
     """
     gap_m, speed_mps = NOBODY_M, velocity(ego)[0]
     for other in others:
@@ -131,8 +131,8 @@ class SignalRecorder:
             encounters: the ego with each other vehicle, in their order.
 
         Raises:
-            SimulatorError: the lane of the ego or a signal of a bridge or planner is needed, and
-                not told.
+            SimulatorError: the lane of the ego, or a signal of a bridge or planner, is needed but
+                missing.
         """
         values, ego = self._values, now.ego
         distances = [each.distance_m for each in encounters]

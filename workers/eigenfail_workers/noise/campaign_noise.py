@@ -15,7 +15,7 @@ class CampaignNoise:
         model: model of the disturbances, with its channels written out.
 
     Attributes:
-        perceived: the channels that disturb a planner: all but those of scenario parameters.
+        perceived: the channels that disturb a planner: all except channels of scenario parameters.
     """
 
     def __init__(self, model: DisturbanceModel) -> None:
@@ -45,8 +45,8 @@ class CampaignNoise:
 
         Args:
             task: the episode.
-            longest: horizon of the longest episode. The horizon changes neither the first step of
-                the noise nor, drawn row by row, any other.
+            longest: horizon of the longest episode. The horizon does not change the first step of
+                the noise, nor any other step, because noise is drawn row by row.
 
         Raises:
             InvalidValue: the source cannot provide noise.

@@ -34,7 +34,8 @@ def to_float32(value: float) -> float:
 class Deviations:
     """Finds sigma of each channel of a disturbance model, in the channels' units.
 
-    Rounded to float32, because that is stored: a replay must inject exactly the same values.
+    Sigma is rounded to float32, because float32 is stored: a replay must inject exactly the same
+    values.
     """
 
     def __init__(self, model: DisturbanceModel) -> None:
@@ -43,8 +44,8 @@ class Deviations:
     def compute(self, observation: Observation, actor: int) -> Row:
         """Return sigma at the true distances between centres.
 
-        An event has 1, or the probability that it begins, if that depends on the distance. A
-        vehicle that is not there counts as if it were at the ego.
+        For an event it is 1 or, if the probability that the event begins depends on the distance,
+        this probability. A vehicle that is not there counts as if it were at the ego.
 
         Args:
             observation: the truth.

@@ -1,9 +1,9 @@
 """The adversary's policy in numpy: a squashed Gaussian of the observed state.
 
 An episode must not depend on the worker that runs it, nor on its neighbours there. The last bits of
-a BLAS product depend on the type of the processor and the size of the batch, those of numpy's exp
-and tanh in float32 on the type of the processor. So a layer is a sum of products for one state, and
-exp and tanh are those of the C library, in float64.
+a BLAS product depend on the type of the processor and the size of the batch. The last bits of
+numpy's exp and tanh in float32 depend on the type of the processor. So a layer is a sum of products
+for one state, and exp and tanh come from the C library, in float64.
 """
 
 from collections.abc import Mapping, MutableMapping
@@ -146,7 +146,7 @@ class PolicyNoise:
         """Return z of this step. [sigma]
 
         Raises:
-            InvalidValue: the policy asks for a number beyond the range of float32.
+            InvalidValue: the policy requests a number beyond the range of float32.
         """
         state = state_vector(observation, actor, self._held, self._horizon)
         if len(self._states) % self._policy.hold == 0:

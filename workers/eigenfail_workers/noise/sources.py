@@ -31,7 +31,7 @@ class NoiseSource(Protocol):
     def first(self) -> Row:
         """Return z of the first step, before it is drawn; 0 if an adversary has yet to choose.
 
-        Channels that are drawn once have their value by it, also under an adversary.
+        It already contains the values of channels that are drawn once, also under an adversary.
         """
 
     def states(self) -> Floats | None:
@@ -69,7 +69,7 @@ class TrajectoryNoise:
         return self._first
 
     def states(self) -> None:
-        """Return None: there is no adversary."""
+        """Return None: only an adversary has states."""
         return
 
 

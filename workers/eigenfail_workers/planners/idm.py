@@ -29,8 +29,9 @@ def least_gap_behind(
 ) -> float:
     """Least predicted gap between the ego and its follower. [m]
 
-    The ego follows its lead by its model in steps of half a second, all others keep their speed: an
-    ego that merges closer than its model prefers falls back, and the follower needs room for that.
+    In steps of half a second, the ego follows its lead by its model, and all others keep their
+    speed. An ego that merges closer than its model prefers falls back, and the follower needs room
+    for that.
 
     Args:
         ego: the vehicle that decides.
@@ -91,12 +92,13 @@ class GapAcceptance:
 
     After the safety criterion of Kesting, Treiber, Helbing: General lane-changing model MOBIL for
     car-following models, Transportation Research Record 1999 (2007), eq. 2. Here no vehicle behind
-    may have to brake at all, and the reason for the change is the end of the lane, no advantage.
+    may have to brake at all, and the reason for the change is the end of the lane, not an
+    advantage.
 
     Args:
         settings: thresholds.
         mission: mission of the ego.
-        model: model by which the ego follows a lead.
+        model: car-following model of the ego.
     """
 
     def __init__(
@@ -120,7 +122,7 @@ class GapAcceptance:
         return LaneEndPlan(0.0, ends_x_m - self._settings.turning_room_m - front_x_m)
 
     def _accepts(self, ego: VehicleState, others: tuple[VehicleState, ...]) -> bool:
-        """Whether the ego can follow all vehicles ahead on the main lane, and hinders none."""
+        """Return whether the ego can follow all vehicles ahead on the main lane and hinder none."""
         there = [other for other in others if other.y_m > self._line_m]
         ahead = [other for other in there if other.x_m > ego.x_m]
         behind = [other for other in there if other.x_m <= ego.x_m]
@@ -136,7 +138,7 @@ class GapAcceptance:
     def _stays_clear(
         self, ego: VehicleState, lead: VehicleState | None, follower: VehicleState
     ) -> bool:
-        """Whether the least gap remains to a follower at constant speed."""
+        """Return whether a follower at constant speed keeps at least the required gap."""
         foreseen_m = least_gap_behind(ego, lead, follower, self._model, self._settings.foresight_s)
         return foreseen_m >= self._settings.gap_behind_m
 

@@ -15,7 +15,7 @@ MAX_STEERING_RAD: Final = 0.3
 
 
 class LaneKeeping:
-    """Steers to a point ahead on the centre of the lane in which the episode began."""
+    """Steers to a point ahead on the centre of the episode's first lane."""
 
     def __init__(self, mission: Mission) -> None:
         self._lane_width_m = mission.lane_width_m

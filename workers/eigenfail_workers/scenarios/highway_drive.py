@@ -1,9 +1,9 @@
-"""Highway drive: three challenges one after the other, each with another cause of failure.
+"""Highway drive: three successive challenges, each with a different cause of failure.
 
 A phantom (a car alongside comes close and brakes while another one follows closely), a reveal (a
-car ahead leaves the lane and reveals a slow one) and a cut-in. Each begins at a fixed time, with
-its cars placed relative to where the truck is then, so that the challenges do not depend on how the
-truck came through the earlier ones.
+car ahead leaves the lane and reveals a slow one) and a cut-in. Each challenge begins at a fixed
+time. Its cars are placed relative to the truck's position at that time, so that a challenge does
+not depend on the truck's course through earlier ones.
 """
 
 from typing import Annotated, Final

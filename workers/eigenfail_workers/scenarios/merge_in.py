@@ -21,7 +21,7 @@ class MergeInParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
         gap_s: gap from the rear bumper of the first car to the front bumper of the second, in time
             at their speed.
         behind_m: distance from the truck's rear bumper back to the front bumper of the second car;
-            negative for a car beside the truck.
+            negative for a car alongside the truck.
         ramp_m: distance from the truck's front bumper to the end of its lane.
     """
 

@@ -78,9 +78,9 @@ class PlannedCar:
 class FollowerLaw(NamedTuple):
     """A linear law of car following, with a delay (Helly 1959, without its term for braking).
 
-    What it chooses from the state at t is gain · (v_ego − v) + gap_gain · (gap − desired). It acts
-    in the step that begins at t + delay − dt and ends at t + delay: with a delay of one step, in
-    the next one.
+    The law chooses gain · (v_ego − v) + gap_gain · (gap − desired) from the state at t. This value
+    acts in the step that begins at t + delay − dt and ends at t + delay: with a delay of one step,
+    in the next step.
 
     Attributes:
         delay_steps: delay, in steps; at least 1.

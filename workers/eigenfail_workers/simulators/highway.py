@@ -1,8 +1,8 @@
 """Simulator with the physics of highway-env: its kinematic bicycle, and overlaps as collisions.
 
-highway-env's vehicles are numpy arrays for crowded roads, with a search for lanes in every step;
-for a truck and the few vehicles around it plain floats take a tenth of that time. They are the same
-numbers: tests hold this module to the last bit against highway-env's own classes.
+highway-env's vehicles are numpy arrays for crowded roads, with a search for lanes in every step.
+For a truck and the few vehicles around it, plain floats take a tenth of that time. The numbers are
+the same: tests compare this module with highway-env's own classes, to the last bit.
 """
 
 from math import cos, sin
@@ -24,8 +24,8 @@ MAX_SPEED_MPS: Final = 40.0
 def drive(vehicle: VehicleState, control: Control, dt_s: float) -> VehicleState:
     """Return the vehicle one step later, as highway-env's `Vehicle.step` moves it.
 
-    Braking ends at rest. Unlike sine and cosine, numpy's tangent and arctangent are not those of
-    the C library to the last bit on every processor; highway-env uses numpy's.
+    Braking ends at rest. highway-env uses numpy's tangent and arctangent. Unlike sine and cosine,
+    they differ from the C library in the last bit on some processors.
     """
     speed = vehicle.speed_mps
     slip = float(np.arctan(0.5 * np.tan(control.steering_rad)))

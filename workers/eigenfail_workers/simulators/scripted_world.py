@@ -44,7 +44,7 @@ class ScriptedWorld:
     def advance(self, control: Control) -> GroundTruth:
         """Drive the ego, then move the others, then test for collisions.
 
-        Of a contact within the step, the vehicles are shown where the ego first touches another.
+        If the ego touches a vehicle within the step, the vehicles are shown at the first contact.
         """
         before, dt_s = self._now, self._situation.mission.dt_s
         self._step += 1

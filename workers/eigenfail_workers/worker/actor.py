@@ -1,4 +1,4 @@
-"""The worker as a Ray actor. Ray places it and restarts it; nothing asks it for results."""
+"""The worker as a Ray actor. Ray places and restarts it; nothing requests results from it."""
 
 import platform
 import time
@@ -30,9 +30,9 @@ class WorkerActor:
     def run(self, address: str, name: str, key: WorkerKey | None = None) -> None:
         """Serve the hub at an address until it says goodbye.
 
-        When the process of the actor ends, Ray starts another one and calls this method again; not
-        so when the method raises. Therefore it raises only errors that another process would meet,
-        too.
+        If the process of the actor ends, Ray starts another one and calls this method again. If the
+        method raises, Ray does not. Therefore the method raises only errors that another process
+        would meet, too.
 
         Args:
             address: address of the hub.

@@ -1,9 +1,9 @@
 """The child process of a worker: simulator and planner run, and may crash, here.
 
-The child reads setups, policies and leases from its original standard input, and writes to its
-original standard output: a `Heartbeat` when it can take episodes, and for each episode a
-`Heartbeat` when it begins, with the number of slots, and its `Results`. What plug-ins print goes to
-standard error instead, and what they read is empty.
+The child reads setups, policies and leases from its original standard input. It writes a
+`Heartbeat` to its original standard output when it can take episodes. For each episode it writes a
+`Heartbeat` at the start, with the number of slots, and then the `Results`. Plug-ins print to
+standard error instead, and read an empty input.
 """
 
 import os
@@ -32,7 +32,7 @@ log = structlog.get_logger()
 
 
 class SequentialEngine:
-    """Adapts an engine that runs one episode after the other. Implements `LockstepEngine`."""
+    """Adapts an engine that runs one episode at a time. Implements `LockstepEngine`."""
 
     def __init__(self, engine: EpisodeEngine) -> None:
         self._engine = engine
@@ -124,7 +124,7 @@ class Child:
 
     @property
     def is_busy(self) -> bool:
-        """Whether episodes run or wait."""
+        """True if episodes run or wait."""
         return bool(self._waiting or self._running)
 
     def turn(self) -> None:

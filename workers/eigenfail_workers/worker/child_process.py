@@ -36,7 +36,7 @@ def write_message(pipe: BinaryIO, message: messages.Message) -> None:
     """Write one message and flush it.
 
     Raises:
-        BrokenPipeError: the other end is closed.
+        BrokenPipeError: the reading end of the pipe is closed.
     """
     data = messages.encode(message)
     pipe.write(LENGTH.pack(len(data)) + data)
@@ -123,11 +123,11 @@ class ChildProcess:
         limits: for the child and its descendants together.
 
     Attributes:
-        running: the episodes in the child; those that it has begun come first.
+        running: the episodes in the child; begun episodes come first.
         ready: whether the child has reported that it can take episodes.
         begun: number of episodes that the child has begun.
         has_campaigns: whether the child has been sent a campaign.
-        declined: reasons of the campaigns of which the child can run no episode, by campaign.
+        declined: reason why the child cannot run any episode of a campaign, by campaign.
 
     Raises:
         ServiceError: the operating system cannot start a process.
@@ -178,7 +178,7 @@ class ChildProcess:
 
     @property
     def has_room(self) -> bool:
-        """Whether the child may be given another episode."""
+        """True if the child may be given another episode."""
         return len(self.running) < EPISODES_PER_SLOT * max(1, self.begun)
 
     def slots(self, campaign: int) -> int:
@@ -208,7 +208,7 @@ class ChildProcess:
         self._messages.put(messages.Drop(campaign))
 
     def run(self, held: HeldEpisode) -> None:
-        """Send an episode. Whether the child is alive is found out by `listen`."""
+        """Send an episode. `listen` detects whether the child is alive."""
         if not self.running:
             self._progress_s = self._checked_s = time.monotonic()
         self.running.append(held)
@@ -241,7 +241,7 @@ class ChildProcess:
                     yield message.campaign, result
 
     def _decline(self, campaigns: dict[int, str]) -> None:
-        """Remove all episodes of declined campaigns; only those had begun."""
+        """Remove all episodes of declined campaigns; no other episodes had begun."""
         self.declined |= campaigns
         self.running = deque(held for held in self.running if held.campaign not in campaigns)
         self.begun = 0
@@ -255,10 +255,10 @@ class ChildProcess:
         raise ProtocolError("The child sent a result that was not requested.")
 
     def is_overdue(self, limit_s: float) -> bool:
-        """Whether the episode that runs, or loading its parts, has taken too long.
+        """Return whether the running episode, or the loading of its parts, has taken too long.
 
-        Must be called continually: the time in which it was not called for STANDSTILL_S does not
-        count, as the whole worker may have been stopped.
+        Call it continually: a pause between calls longer than STANDSTILL_S does not count, as the
+        whole worker may have been stopped.
         """
         now_s, before_s = time.monotonic(), self._checked_s
         self._checked_s = now_s
@@ -285,7 +285,7 @@ class ChildProcess:
         self._messages.put(None)
 
     def has_ended(self) -> bool:
-        """Whether the process has exited, even if a descendant keeps its pipe open."""
+        """Return whether the process has exited, even if a descendant keeps its pipe open."""
         return processes.exit_status(self._process) is not None
 
     def end(self) -> int:
@@ -304,7 +304,7 @@ class ChildProcess:
 
 
 class NullChild(ChildProcess):
-    """Stands in for a child that could not be started, and ends after a second for another try.
+    """Replaces a child that could not be started, and ends after a second for another try.
 
     It never becomes ready, and takes no episode.
     """
@@ -324,14 +324,14 @@ class NullChild(ChildProcess):
         return False
 
     def drop(self, campaign: int) -> None:
-        """Do nothing: there is no process that holds a campaign."""
+        """Do nothing: no process holds a campaign."""
 
     def memory_mib(self) -> float:
         """Always 0. [MiB]"""
         return 0.0
 
     def finish(self) -> None:
-        """Do nothing: there is no process that could end."""
+        """Do nothing: no process could end."""
 
     def listen(self) -> tuple[bool, list[tuple[int, EpisodeResult]]]:
         """Return that the child is not sound, and no results."""
@@ -342,11 +342,11 @@ class NullChild(ChildProcess):
         return False
 
     def find_excess(self) -> str:
-        """Return "": there is no process that could exceed a limit."""
+        """Return "": no process could exceed a limit."""
         return ""
 
     def has_ended(self) -> bool:
-        """Whether it is time to try to start another child."""
+        """Return whether it is time to try to start another child."""
         return time.monotonic() >= self._until_s
 
     def end(self) -> int:

@@ -24,10 +24,11 @@ CHECK_EVERY_S = 0.05
 def fork_under_guard() -> None:
     """Continue in a new process that leads a session; the present process remains as its guard.
 
-    Descendants that lose their parent are adopted by the guard. When the new process has ended, the
-    guard's own parent has ended, or the guard receives SIGTERM, the guard kills all that is left,
-    and ends with the exit status of the new process. Call it before any thread is started. Only
-    Linux has the necessary system calls; elsewhere the process only ends with its parent.
+    The guard adopts descendants that lose their parent. It waits until the new process or the
+    guard's own parent has ended, or until it receives SIGTERM. Then the guard kills all remaining
+    processes, and ends with the exit status of the new process. Call this function before any
+    thread is started. Only Linux has the necessary system calls; elsewhere the process only ends
+    with its parent.
     """
     if sys.platform != "linux":
         die_with_parent()

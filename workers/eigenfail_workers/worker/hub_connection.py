@@ -63,8 +63,8 @@ class HandshakeMonitor:
         """Process the events since the last call, without waiting.
 
         Raises:
-            Unauthorized: the hub refuses the key, or one side uses keys and the other does not.
-            ServiceUnreachable: what listens at the address does not have the key of the hub.
+            Unauthorized: the hub refuses the key, or only one side uses keys.
+            ServiceUnreachable: the program at the address does not have the key of the hub.
         """
         with contextlib.suppress(zmq.Again):
             while True:
@@ -91,7 +91,7 @@ class HandshakeMonitor:
         )
 
     def _handle_mismatch(self) -> None:
-        """One side presents a key and the other does not, or bytes were changed on their way."""
+        """Handle a mismatch: only one side presents a key, or bytes were changed on their way."""
         if self._was_accepted:
             self._handle_break()
             return
@@ -209,9 +209,10 @@ class HubConnection:
         return message
 
     def reconnect(self) -> None:
-        """Replace a connection that no longer works without ZeroMQ's noticing.
+        """Replace a connection that failed without ZeroMQ noticing.
 
-        ZeroMQ's own heartbeats are no substitute: they may abort the process (4.3.5, `_io_error`).
+        ZeroMQ's own heartbeats cannot replace this: they may abort the process (4.3.5,
+        `_io_error`).
         """
         with contextlib.suppress(zmq.ZMQError):  # ZeroMQ may have given it up already
             self.socket.disconnect(self.address)

@@ -1,8 +1,8 @@
 """The child processes of a worker: one for each set of campaigns that may share a process.
 
-Campaigns whose parts are all built in share a process. A campaign with a plug-in has a process of
-its own, which ends with the campaign: module globals, caches and patched libraries cannot be
-checked, so that even two campaigns with the same plug-ins would depend on which of them ran first.
+Campaigns whose parts are all built in share a process. A campaign with a plug-in has its own
+process, which ends with the campaign. Module globals, caches and patched libraries cannot be
+checked: even two campaigns with the same plug-ins would depend on their order in one process.
 Functions under test are plug-ins, too. A campaign on a bridge runs no plug-in in this process.
 """
 
@@ -114,7 +114,7 @@ class CampaignSetups:
         self._policies.pop(campaign, None)
 
     def can_run(self, held: HeldEpisode) -> bool:
-        """Whether the campaign of an episode was not dropped, and its setup and policy are here."""
+        """Return whether an episode is still wanted, and its setup and policy are here."""
         source, policies = held.task.source, self._policies.get(held.campaign, {})
         has_policy = not isinstance(source, PolicySource) or source.version in policies
         return held.wanted and held.campaign in self.setups and has_policy

@@ -60,7 +60,7 @@ class Shutdown:
         Safe to call from a signal handler.
 
         Args:
-            problem: error because of which the worker cannot go on.
+            problem: error that prevents the worker from going on.
         """
         self.problem = problem or self.problem
         if not self.requested:
@@ -71,7 +71,7 @@ class Shutdown:
 
     @property
     def has_time(self) -> bool:
-        """Whether the worker may go on waiting for the hub."""
+        """True if the worker may go on waiting for the hub."""
         return time.monotonic() < self._until_s
 
 
@@ -82,7 +82,7 @@ class Parent:
         address: address of the hub, as `tcp://host:port`.
         name: name of the worker in lists and logs.
         key: for a hub that requires keys.
-        limits: for an episode and its child process; default: those of the environment.
+        limits: limits for an episode and its child process; default: from the environment.
 
     Raises:
         InvalidValue: the address or a limit in the environment is not valid.
@@ -318,7 +318,7 @@ class Parent:
         """Start a new child, and run its episodes again; the first one counts a death.
 
         Args:
-            what: the first episode did, as the predicate of a sentence.
+            what: action of the first episode, as the predicate of a sentence.
             weight: number of deaths to count against it; 0 if it had not begun.
         """
         status, held = self._child.end(), list(self._child.running)
@@ -404,7 +404,7 @@ class Parent:
         return messages.Heartbeat(running.campaign, running.task.index, held, slots, declined)
 
     def _list_held(self) -> Iterator[HeldEpisode]:
-        """Yield the episodes that run or wait, without those of dropped campaigns."""
+        """Yield the running and waiting episodes, except episodes of dropped campaigns."""
         return (each for each in (*self._child.running, *self._waiting) if each.wanted)
 
     def _list_holdings(self) -> tuple[messages.Holding, ...]:

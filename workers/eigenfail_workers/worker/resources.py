@@ -1,9 +1,9 @@
 """Limits on what a child process and its descendants use: memory, threads, processor time, output.
 
-The kernel has no limit that fits memory. RLIMIT_AS counts reserved memory: sixteen idle
-threads beside torch reserve 1.1 GiB and use none of it. Neither it nor RLIMIT_DATA counts the
-processes that a planner starts, and RLIMIT_NPROC counts all processes of the user. Therefore the
-parent measures, and kills.
+No limit of the kernel fits memory. RLIMIT_AS counts reserved memory: in a process with torch,
+sixteen idle threads reserve 1.1 GiB and use none of it. Neither RLIMIT_AS nor RLIMIT_DATA counts
+the processes that a planner starts, and RLIMIT_NPROC counts all processes of the user. Therefore
+the parent measures, and kills.
 """
 
 import contextlib
@@ -88,10 +88,10 @@ class ResourceMonitor:
 
 
 class ProcessorTimeMeter:
-    """Counts processor time from the begin of one episode to the begin of the next.
+    """Counts processor time from the start of one episode to the start of the next.
 
-    What an episode has used beyond the processors that it may keep busy counts against the next
-    one, too, because threads that it left behind go on. The same holds for time between episodes.
+    Time beyond the processors that an episode may keep busy also counts against the next episode,
+    because leftover threads go on. The same holds for time between episodes.
 
     Args:
         limits: limits of the child process.
@@ -175,7 +175,7 @@ def _count_threads(process: psutil.Process) -> int:
 def processor_time_s(processes: Iterable[psutil.Process]) -> float:
     """Processor time of processes and of the ended children that they have waited for. [s]
 
-    A process that has ended counts 0: its time is part of that of its parent.
+    A process that has ended counts 0: its parent's time includes its time.
     """
     total_s = 0.0
     for process in processes:
@@ -189,9 +189,9 @@ class OutputLimiter:
     """Thread that copies a pipe to standard error, up to a limit for each episode.
 
     A planner may print gigabytes in a few episodes, and the worker's standard error is often a
-    file without a bound. Beyond the limit the thread reads on and drops what it reads: a planner
-    that prints must not wait for a full pipe. The begin of an episode is read from another pipe,
-    so that its first output may count for the episode before it.
+    file without a bound. Beyond the limit, the thread reads on and drops the output: a planner
+    that prints must not wait for a full pipe. The start of an episode is read from another pipe,
+    so that its first output may count for the previous episode.
 
     Args:
         pipe: end to read from; the thread closes it.

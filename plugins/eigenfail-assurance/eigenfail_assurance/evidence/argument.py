@@ -1,11 +1,11 @@
 """The argument as a graph in the Goal Structuring Notation, with a verdict on each claim.
 
-Elements and links are those of the GSN Community Standard, version 3 (SCSC-141C, 2021), part 1:
-goals, strategies and solutions, joined by SupportedBy; contexts and assumptions, joined by
-InContextOf; a goal that is not supported is undeveloped. Verdicts are an addition of this product.
+Elements and links follow the GSN Community Standard, version 3 (SCSC-141C, 2021), part 1: goals,
+strategies and solutions, joined by SupportedBy; contexts and assumptions, joined by InContextOf; a
+goal that is not supported is undeveloped. Verdicts are an addition of this product.
 
-A context or an assumption that several claims share stands once, beside the claim above all of
-them.
+A context or an assumption that several claims share appears once, next to their nearest common
+ancestor.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -50,9 +50,9 @@ class ArgumentElement(msgspec.Struct, frozen=True, kw_only=True):
     """An element of the graph.
 
     Attributes:
-        id: such as G1, unique in the graph.
+        id: unique id in the graph, such as G1.
         kind: kind of element.
-        text: what it states.
+        text: statement of the element.
         verdict: of goals and solutions; None of other elements.
         undeveloped: whether a goal is drawn with a diamond, as nothing supports it so far.
         sha256: of a solution: of its file in the bundle. Empty of other elements.
@@ -67,7 +67,7 @@ class ArgumentElement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ArgumentLink(msgspec.Struct, frozen=True, kw_only=True):
-    """A link between two elements, from the one that is supported."""
+    """A link between two elements; it starts at the supported element."""
 
     source: str
     target: str
@@ -95,7 +95,7 @@ class JudgedSolution(NamedTuple):
 
     Attributes:
         finding: what its output shows.
-        surroundings: what it is to be read with.
+        surroundings: contexts and assumptions of its output.
         sha256: of its file in the bundle.
     """
 
@@ -173,7 +173,7 @@ def _list_sides(claim: Claim, solutions: Iterable[JudgedSolution]) -> Iterator[_
 
 
 def _find_common_path(paths: Sequence[ClaimPath]) -> ClaimPath:
-    """Return the claim that is above all of these, or is the only one of them."""
+    """Return the deepest claim that contains all these claims; it may be one of them."""
     first, last = min(paths), max(paths)
     # Paths between the first and the last one in lexical order begin with what these share.
     shared = 0
@@ -183,9 +183,9 @@ def _find_common_path(paths: Sequence[ClaimPath]) -> ClaimPath:
 
 
 def judge_claim(below: Sequence[ClaimVerdict]) -> ClaimVerdict:
-    """Return the verdict of a claim from those of its sub-claims and solutions, all needed.
+    """Return the verdict of a claim from the verdicts of its parts, which are all needed.
 
-    One refuted part refutes the argument, and with it the claim as it is argued.
+    One refuted sub-claim or solution refutes the argument, and therefore the claim as argued.
     """
     if not below:
         return ClaimVerdict.UNDEVELOPED
@@ -197,7 +197,7 @@ def judge_claim(below: Sequence[ClaimVerdict]) -> ClaimVerdict:
 
 @dataclass
 class _GraphBuilder:
-    """Numbers elements in the order in which they are read, and links them."""
+    """Numbers elements in reading order, and links them."""
 
     judged: Mapping[ClaimPath, tuple[JudgedSolution, ...]]
     sides: Mapping[ClaimPath, Sequence[_Side]]
@@ -233,7 +233,7 @@ class _GraphBuilder:
         return verdict
 
     def _add_strategy(self, claim: Claim, goal: str) -> str:
-        """Add the strategy of a claim, if it names one; return what supports come below."""
+        """Add the strategy of a claim, if any; return the id of the element that parts support."""
         if not claim.argument or not (claim.claims or claim.solutions):
             return goal
         kind = ElementKind.STRATEGY

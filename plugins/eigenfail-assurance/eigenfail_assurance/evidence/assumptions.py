@@ -16,10 +16,10 @@ from eigenfail_assurance.risk.sentences import list_limits
 
 
 class Surroundings(NamedTuple):
-    """Assumptions with which a solution is read.
+    """Contexts and assumptions of a solution.
 
     Attributes:
-        context: what it was found for, in sentences.
+        context: planner, scenario, p(x) and requirements of its campaigns, in sentences.
         assumptions: what must be true for it, in sentences.
     """
 
@@ -34,7 +34,7 @@ def gather_surroundings(
 
     Args:
         solution: output and criterion.
-        given: what the service said besides.
+        given: data from the service besides the campaigns.
         campaigns: all campaigns of the question, by id.
     """
     used = [campaigns[each] for each in list_campaigns(solution, given)]
@@ -74,7 +74,7 @@ def _format_value(value: Any) -> str:
 
 
 def _list_world_assumptions(spec: CampaignSpec) -> Iterator[str]:
-    """Yield what the simulation takes to be true of the road."""
+    """Yield the assumptions of the simulation about the road."""
     yield "The errors of the sensor on the road are distributed as p(x) says."
     if world_of(spec.simulator).has_road:
         yield (
@@ -84,7 +84,7 @@ def _list_world_assumptions(spec: CampaignSpec) -> Iterator[str]:
 
 
 def _list_probability_assumptions(counted: CountedCampaign) -> Iterator[str]:
-    """Yield what the estimate of a campaign takes to be true."""
+    """Yield the assumptions of a campaign's estimate."""
     campaign = counted.campaign
     method, estimate = campaign.spec.method, campaign.estimate
     if method == MONTE_CARLO:

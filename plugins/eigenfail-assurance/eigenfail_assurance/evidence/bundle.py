@@ -10,9 +10,9 @@
     argument.json, argument.svg     the graph, with the hashes of the solutions
     report.html                     all of it to read
 
-The same records have the same files, byte for byte. The hash of a file is in the file that rests on
-it, and that of each file in the manifest. The manifest has its own hash, over itself with that
-field empty; it is the root hash of the bundle.
+The same records have the same files, byte for byte. A file that depends on another file holds its
+hash; the manifest holds the hash of every file. The manifest has its own hash, over itself with
+that field empty; it is the root hash of the bundle.
 """
 
 from collections.abc import Mapping
@@ -72,7 +72,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     sha256: Hash | str = ""
 
     def find_hash(self) -> str:
-        """Return the root hash that follows from the other fields."""
+        """Return the root hash, computed from the other fields."""
         return hash_bytes(encode_canonical(replace(self, sha256="")))
 
 
@@ -80,7 +80,7 @@ class EvidenceBundle(NamedTuple):
     """A bundle in memory.
 
     Attributes:
-        manifest: what is in it.
+        manifest: sizes and hashes of its files.
         graph: the argument.
         files: content of all files by name, the manifest among them.
     """
@@ -97,7 +97,7 @@ def make_bundle(
 
     Args:
         question: claims and criteria.
-        records: all that the solutions rest on.
+        records: campaigns and inputs of the solutions.
         product: version of the product.
 
     Raises:

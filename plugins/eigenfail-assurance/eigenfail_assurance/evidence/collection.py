@@ -98,7 +98,7 @@ def _collect_input(client: Client, solution: AnySolution) -> SolutionInput:
 
 
 def _ask_probability(client: Client, solution: ProbabilitySolution) -> SolutionInput:
-    """Ask for the risk of one encounter an hour, whose rate is P(failure)."""
+    """Request the risk of one encounter an hour; its rate equals P(failure)."""
     met = RiskScenario(name="encounter", per_hour=1.0, campaigns=solution.campaigns)
     question = RiskQuestion(
         name="P(failure)",
@@ -150,7 +150,7 @@ def find_campaign(client: Client, reference: CampaignReference) -> Campaign:
     """Return the campaign of an id, or the only one of a name.
 
     Raises:
-        NotFound: there is none.
+        NotFound: no campaign has the id or name.
         InvalidValue: several have the name.
     """
     if isinstance(reference, int):
@@ -194,7 +194,7 @@ def _collect_workers(client: Client, campaign: int) -> tuple[WorkerVersions, ...
 def _find_worker_versions(client: Client, campaign: int, worker: str) -> Versions:
     """Return the versions of a worker by its first episode; empty if they are not known any more.
 
-    They are on the record of the worker's arrival, of which services keep the newest.
+    Versions come from the record of the worker's arrival; services keep only the newest records.
     """
     where = f'worker = "{worker}"'
     first = next(iter(client.episodes.list(campaign, filter=where, fields=("index",))), None)

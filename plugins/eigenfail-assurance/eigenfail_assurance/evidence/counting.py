@@ -1,8 +1,8 @@
-"""Recorded campaigns, counted again from their episodes, and what they state on P(failure).
+"""Recorded campaigns, recounted from their episodes, and their bounds of P(failure).
 
 Only campaigns of `monte_carlo`, and estimates of `subset`, `mixture` and `splitting`, state a
-probability; any other method chose its episodes. Of a campaign that a stop rule on failures ended,
-only the lower bound is used, and of one with the rule `half_width` none.
+probability; any other method chose its episodes. If a stop rule on failures ended a campaign, only
+its lower bound is used. A campaign with the rule `half_width` gives no bounds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ class CountedCampaign:
 
     @property
     def unresolved(self) -> int:
-        """Number of safe episodes that may have ended before a failure, as the service said."""
+        """Number of safe episodes that may have ended before a failure, by the service's count."""
         return min(self.record.facts.unresolved, self.completed - self.failures)
 
     @property
@@ -74,12 +74,12 @@ class CountedCampaign:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether its episodes are not those of the indices 0 to n − 1."""
+        """True if the indices of its episodes are not 0 to n − 1."""
         return bool(self.episodes) and self.episodes[-1].index != len(self.episodes) - 1
 
     @cached_property
     def counted(self) -> Campaign:
-        """The campaign with the counts of its episodes, in place of those of the service."""
+        """The campaign with counts taken from its episodes, not from the service."""
         counts = replace(
             self.campaign.counts,
             completed=self.completed,
@@ -170,13 +170,13 @@ def _explain_no_estimate(campaign: Campaign) -> str:
 def bound_probability(campaigns: Sequence[CountedCampaign], error: float) -> Interval:
     """Return one-sided bounds of P(failure), each with this error.
 
-    Exact ones (Clopper and Pearson 1934, Biometrika 26, 404–413) of episodes that were drawn from
-    p(x), and log-normal ones of an estimate; see `eigenfail_assurance.sensor.anchors`. Errored and
+    Bounds are exact for episodes drawn from p(x) (Clopper and Pearson 1934, Biometrika 26,
+    404–413), and log-normal for an estimate; see `eigenfail_assurance.sensor.anchors`. Errored and
     unresolved episodes that were drawn from p(x) count as failures in the upper bound.
 
     Args:
         campaigns: campaigns that state a probability, see `explain_no_probability`.
-        error: probability with which a bound does not hold.
+        error: probability that a bound does not hold.
     """
     first = campaigns[0].counted
     if first.spec.method != MONTE_CARLO and first.estimate is not None:
@@ -192,7 +192,7 @@ def bound_probability(campaigns: Sequence[CountedCampaign], error: float) -> Int
 
 
 def estimate_probability(campaigns: Sequence[CountedCampaign]) -> float | None:
-    """Return the point estimate; None if a stop rule leaves none that is k ÷ n."""
+    """Return the point estimate; None if a stop rule makes k ÷ n invalid."""
     first = campaigns[0].campaign
     if first.spec.method != MONTE_CARLO:
         return first.estimate.probability if first.estimate else None

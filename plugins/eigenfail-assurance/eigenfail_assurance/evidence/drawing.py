@@ -1,10 +1,10 @@
 """The graph of an argument as an SVG picture, in layers from the top claim down.
 
-Shapes are those of the Goal Structuring Notation: a goal is a rectangle, a strategy a
-parallelogram, a solution a circle, a context a rectangle with round ends, an assumption an ellipse
-with an A. A diamond below a goal says that it is undeveloped. SupportedBy has a filled arrowhead,
-InContextOf an open one. Verdicts are written out; besides, a refuted element has a cross and a
-double border, and one that is not decided a dashed border.
+Shapes follow the Goal Structuring Notation. A goal is a rectangle, a strategy a parallelogram, a
+solution a circle. A context is a rectangle with round ends, an assumption an ellipse with an A. A
+diamond below a goal says that it is undeveloped. SupportedBy has a filled arrowhead, InContextOf an
+open one. Verdicts are written out; in addition, refuted elements have a cross and a double border,
+and undecided ones a dashed border.
 """
 
 import html

@@ -1,7 +1,7 @@
 """The verdicts of a gate, judged again from the episodes of its campaigns.
 
-What a gate knows besides is taken from its report: what became of a known failure in the baseline,
-unless its episode is in the bundle, and whether a failure mode is new.
+Two facts come from the gate's report: whether a failure mode is new, and what became of a known
+failure in the baseline, unless its episode is in the bundle.
 """
 
 from collections import Counter
@@ -30,7 +30,7 @@ from eigenfail_assurance.evidence.records import RecordedEpisode, place_episode
 
 
 def find_gate_problems(report: GateReport, campaigns: counting.Counted) -> Iterator[str]:
-    """Yield which verdicts of a gate its episodes do not give, in sentences.
+    """Yield the verdicts of a gate that its episodes contradict, in sentences.
 
     Args:
         report: what the gate printed.
@@ -66,7 +66,7 @@ def _check_known(
 def _list_outcomes_before(
     finding: reruns.GateFinding, campaigns: counting.Counted
 ) -> tuple[Outcome | None, ...]:
-    """Return what may have become of a known failure with the planner of the baseline."""
+    """Return the possible outcomes of a known failure with the planner of the baseline."""
     if finding.was:
         number, index = place_episode(finding.was)
         if number in campaigns and campaigns[number].outcomes.get(index) is Outcome.SAFE:
@@ -75,7 +75,7 @@ def _list_outcomes_before(
 
 
 def _check_campaign(counted: counting.CountedCampaign, gate: GateRun) -> Iterator[str]:
-    """Yield why the episodes of a campaign of the new planner show nothing."""
+    """Yield why a campaign of the new planner gives no evidence."""
     yield from _check_done(counted)
     if counted.campaign.spec.version != gate.version:
         yield (
@@ -124,10 +124,10 @@ def _check_doubt(
     before: counting.CountedCampaign,
     now: counting.CountedCampaign,
 ) -> Iterator[str]:
-    """Yield that a rerun leaves out episodes that may hide what would close the gate.
+    """Yield that a rerun leaves out episodes that may hide a reason to close the gate.
 
-    Which episodes are unresolved does not follow from the episodes: at least those are counted that
-    have no counterpart which failed or was unresolved, too.
+    The episodes do not show which of them are unresolved. Hence only the smallest possible number
+    is counted: unresolved episodes without a counterpart that failed or was unresolved.
     """
     outcomes = _read_outcomes(before), _read_outcomes(now)
     safe = [each for each in now.episodes if each.outcome is Outcome.SAFE]
@@ -237,7 +237,7 @@ def _count_pairs(before: counting.CountedCampaign, now: counting.CountedCampaign
 
 
 def _has_same_noise(before: counting.CountedCampaign, now: counting.CountedCampaign) -> bool:
-    """Return whether both drew the same noise from p(x): other methods are not looked into."""
+    """Return whether both drew the same noise from p(x); other methods are not compared."""
     one, other = before.campaign.spec, now.campaign.spec
     fields = ("method", "seed", "simulator", "scenario", "scenario_parameters")
     is_alike = all(getattr(one, name) == getattr(other, name) for name in fields)

@@ -1,7 +1,7 @@
-"""What an output shows about the criterion of its solution: supported, refuted or undecided.
+"""Verdicts of outputs on the criteria of their solutions: supported, refuted or undecided.
 
-All numbers follow from the episodes, the estimates and the number of unresolved episodes of
-campaigns alone, so that they are computed again wherever a bundle is verified.
+All numbers follow from the episodes, estimates and numbers of unresolved episodes of campaigns. The
+verification of a bundle computes them again.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -85,7 +85,7 @@ def judge_solution(
 
     Args:
         solution: output and criterion.
-        given: what the service said besides.
+        given: data from the service besides the campaigns.
         campaigns: all campaigns of the question, by id.
 
     Raises:
@@ -357,7 +357,7 @@ def _judge_sensor(
 def _bound_anchor(
     anchor: Anchor, campaigns: counting.Counted, error: float
 ) -> tuple[Interval, str]:
-    """Return the bounds of an anchor from its campaign, and why they are not those of the answer.
+    """Return the bounds of an anchor from its campaign, and why they differ from the answer's.
 
     Raises:
         InvalidValue: episodes cannot be read.

@@ -41,10 +41,10 @@ class ProbabilitySolution(_Solution, frozen=True, kw_only=True, tag="p_failure")
     """A campaign's estimate of P(failure), with a bound.
 
     Attributes:
-        campaigns: ids or names. Several are counted together, which only campaigns of Monte Carlo
-            with different seeds can be.
+        campaigns: ids or names. Several are counted together; this requires Monte Carlo campaigns
+            with different seeds.
         at_most: largest probability that is accepted.
-        confidence: of the one-sided bound that is compared with it.
+        confidence: confidence of the one-sided bound that is compared with `at_most`.
     """
 
     campaigns: References
@@ -59,7 +59,7 @@ class RiskSolution(_Solution, frozen=True, kw_only=True, tag="risk"):
 
 
 class SearchSolution(_Solution, frozen=True, kw_only=True, tag="search"):
-    """What a campaign of any method came upon: a count, which states no probability.
+    """Failures found by campaigns of any method: a count, not a probability.
 
     Attributes:
         campaigns: ids or names.
@@ -92,12 +92,14 @@ class GateSolution(_Solution, frozen=True, kw_only=True, tag="gate"):
 
 
 class SensorSolution(_Solution, frozen=True, kw_only=True, tag="requirement"):
-    """A sensor's largest error; in a file, `file` names that of `eigenfail requirement --json`.
+    """A sensor's largest error.
+
+    In a file, `file` names the output of `eigenfail requirement --json`.
 
     Attributes:
-        answer: what was found.
+        answer: requirement on the sensor, as found by the search.
         channel: name of the channel.
-        multiple: of its error, at which the target of the answer must be met.
+        multiple: multiple of its error at which the target of the answer must be met.
     """
 
     answer: RequirementAnswer
@@ -119,10 +121,11 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A claim, and how it is argued.
 
     Attributes:
-        text: what is claimed, as a sentence.
-        argument: strategy by which sub-claims or solutions support it; empty for none.
+        text: the claim, as a sentence.
+        argument: strategy that joins its sub-claims or solutions; empty for none.
         context: what the words of the claim refer to, in sentences.
-        assumptions: what is taken to be true without evidence, besides what solutions assume.
+        assumptions: statements taken to be true without evidence, besides the assumptions of
+            solutions.
         claims: sub-claims; all of them are needed.
         solutions: outputs; all of them are needed.
     """
@@ -135,7 +138,7 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     solutions: tuple[AnySolution, ...] = ()
 
     def list_solutions(self) -> Iterator[AnySolution]:
-        """Yield its own solutions, then those of its sub-claims, in order."""
+        """Yield the claim's own solutions, then its sub-claims' solutions, in order."""
         yield from self.solutions
         for each in self.claims:
             yield from each.list_solutions()

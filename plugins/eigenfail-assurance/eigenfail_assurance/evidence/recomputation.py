@@ -1,4 +1,4 @@
-"""The contents of a bundle, made again from its records and compared with what it holds."""
+"""Contents of a bundle, recomputed from its records and compared with its files."""
 
 from collections.abc import Iterator, Mapping
 from math import isclose
@@ -137,7 +137,7 @@ def _read_solution(
 def _check_names(
     files: Mapping[str, bytes], records: EvidenceRecords, made: tuple[solutions.SolutionRecord, ...]
 ) -> Iterator[BundleDefect]:
-    """Yield files that belong to nothing that the question asks for."""
+    """Yield files that belong to no part of the question."""
     used = {each.campaign for solution in made for each in solution.campaigns}
     expected = {
         bundle.MANIFEST,
@@ -194,7 +194,8 @@ def _check_digest(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
 def _check_counts(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
     """Yield the counts of a campaign that has ended, and that its episodes do not give.
 
-    Those of one that goes on are of another moment than its episodes.
+    Counts of a running campaign are not checked: they were read at another moment than its
+    episodes.
     """
     campaign, episodes = counted.campaign, len(counted.episodes)
     name = f"{CAMPAIGNS}{campaign.id}.json: campaign.counts"
@@ -213,7 +214,7 @@ def _check_counts(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
 
 
 def _check_completeness(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
-    """Yield the episodes that a campaign lacks though it is done and no stop rule ended it.
+    """Yield missing episodes of a campaign that is done and was not ended by a stop rule.
 
     Rounds are completed in index order. Only a rule on time or cost ends a campaign within a round,
     so that episodes before the last one may be missing.
@@ -231,7 +232,7 @@ def _check_completeness(counted: counting.CountedCampaign) -> Iterator[BundleDef
 
 
 def _check_unresolved(counted: counting.CountedCampaign) -> Iterator[BundleDefect]:
-    """Yield that the service counted more unresolved episodes than there are safe ones."""
+    """Yield a defect if the service counted more unresolved episodes than safe ones."""
     campaign, unresolved = counted.campaign, counted.record.facts.unresolved
     if unresolved > counted.unresolved:
         problem = f"It is {unresolved}, and there are {counted.unresolved} safe episodes."
@@ -278,7 +279,7 @@ def _compare_texts(
 ) -> Iterator[BundleDefect]:
     """Yield all other fields of a solution that the records do not give.
 
-    Hashes are those of the files as they are written, see `_compare_chain`: a later release may
+    Hashes are checked against the stored files, see `_compare_chain`, since a later release may
     write the same records with further fields.
     """
     one, other = (_flatten(msgspec.to_builtins(_leave_out_hashes(each))) for each in (stored, made))

@@ -1,7 +1,7 @@
 """The data of solutions: campaigns with their episodes, as files of a bundle.
 
 Episodes are a CSV file as the service exports it, with the columns `COLUMNS`. The digest of a
-campaign is that of the digests of its episodes, and is computed again when the file is read.
+campaign is computed from the digests of its episodes, again whenever the file is read.
 """
 
 import csv
@@ -48,10 +48,10 @@ def hash_bytes(content: bytes) -> str:
 
 
 class WorkerVersions(msgspec.Struct, frozen=True, kw_only=True):
-    """Versions of what workers ran with.
+    """Versions of the software of workers.
 
     Attributes:
-        workers: names of workers with these versions.
+        workers: names of the workers with these versions.
         versions: by name; empty if the service does not know them any more.
     """
 
@@ -64,7 +64,7 @@ class PlannerIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: name of the planner.
-        settings: those that its campaign names; all others are its defaults.
+        settings: settings that its campaign names; all others are its defaults.
         version: the version that the campaign names; empty if it names none.
     """
 
@@ -79,8 +79,8 @@ class CampaignFacts(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         campaign: the campaign.
         workers: versions of the workers that ran it.
-        unresolved: number of its safe episodes that ended while braking could not avoid a collision
-            any more, or of which that is not known, as the service counted them.
+        unresolved: number of its safe episodes that may have ended before a failure, as counted by
+            the service: braking could no longer avoid a collision, or this is not known.
     """
 
     campaign: Campaign
@@ -179,11 +179,11 @@ class CampaignRecord(msgspec.Struct, frozen=True, eq=False, kw_only=True):
 
 
 class SolutionInput(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a solution takes from the service besides the campaigns themselves.
+    """Data that a solution takes from the service besides its campaigns.
 
     Attributes:
         campaigns: ids of its campaigns: a group for each scenario of a risk, one group otherwise.
-        notes: what the service says limits the numbers, in sentences.
+        notes: limitations of the numbers, as reported by the service, in sentences.
         proof: replays of the modes; None for other kinds of solutions, or without an analysis.
         missing: why something could not be read, in sentences; it leaves the solution undecided.
     """
@@ -222,7 +222,8 @@ def read_episodes(table: bytes, name: str) -> tuple[RecordedEpisode, ...]:
     """Return the episodes in a CSV file, in index order.
 
     Raises:
-        InvalidValue: it has other columns, a value that is none of its column, or an index twice.
+        InvalidValue: the file has other columns, a value that does not fit its column, or an index
+            twice.
     """
     try:
         rows = csv.reader(io.StringIO(table.decode()), strict=True)
@@ -298,7 +299,7 @@ def place_episode(episode: str) -> tuple[int, int]:
     """Return campaign and index of an episode that is written as CAMPAIGN/INDEX.
 
     Raises:
-        InvalidValue: it is not.
+        InvalidValue: the episode is not written so.
     """
     match = EPISODE.fullmatch(episode)
     if match is None:

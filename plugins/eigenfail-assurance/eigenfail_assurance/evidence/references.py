@@ -1,4 +1,4 @@
-"""The campaigns behind a solution, compared with those that its question names."""
+"""Comparison of the campaigns behind a solution with the campaigns that its question names."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,7 @@ def check_references(
 ) -> None:
     """Refuse campaigns that a solution does not name, or that cannot be counted together.
 
-    That a campaign is the newest one of its name, only the service knows.
+    Only the service can check that a campaign is the newest of its name.
 
     Args:
         name: number of the solution in the graph.
@@ -98,7 +98,7 @@ def _check_search(name: str, _given: SolutionInput, groups: _Groups, _campaigns:
 
 
 def _check_replays(name: str, given: SolutionInput, groups: _Groups, campaigns: Counted) -> None:
-    """Refuse replays of another analysis than that of the proof, or with another planner."""
+    """Refuse replays of another analysis than the proof's, or with another planner."""
     if given.proof is None:
         return
     planner = find_planner(groups)
@@ -115,7 +115,7 @@ def _check_replays(name: str, given: SolutionInput, groups: _Groups, campaigns: 
 
 
 def _check_nothing(_name: str, _given: SolutionInput, _groups: _Groups, _all: Counted) -> None:
-    """Accept a solution whose campaigns are those of a file in the question."""
+    """Accept a solution whose campaigns come from a file in the question."""
 
 
 _CHECKS: Mapping[type, Callable[[str, SolutionInput, _Groups, Counted], None]] = {

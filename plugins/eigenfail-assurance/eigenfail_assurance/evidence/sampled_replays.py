@@ -30,7 +30,7 @@ class SampledEpisode(NamedTuple):
 
 
 class ReplayFindings(NamedTuple):
-    """What replays found: their number, those that differ, and why others were not run."""
+    """Number of replays, differences that they found, and why other episodes were not replayed."""
 
     replayed: int
     defects: tuple[BundleDefect, ...]
@@ -42,7 +42,7 @@ def choose_episodes(
 ) -> list[SampledEpisode]:
     """Return a random sample of the episodes that can be run again, by campaign and index.
 
-    Those are the ones whose noise follows from their seeds or is recorded.
+    An episode can be run again if its noise follows from its seed or is recorded.
 
     Args:
         campaigns: records by id.
@@ -86,10 +86,10 @@ def replay_episodes(
 ) -> ReplayFindings:
     """Run episodes again in processes of their own, and compare outcomes and digests.
 
-    This runs the planners and simulators that the bundle names, as far as they are installed here.
+    This runs the planners and simulators that the bundle names, if they are installed here.
 
     Raises:
-        ServiceError: none of them can be run here.
+        ServiceError: none of the episodes can be run here.
     """
     defects, notes, replayed = list[BundleDefect](), list[str](), 0
     for campaign, group in groupby(chosen, key=lambda each: each.campaign):

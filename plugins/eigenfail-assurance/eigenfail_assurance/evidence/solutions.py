@@ -1,4 +1,4 @@
-"""Solutions as files of a bundle: judged, with the hashes and versions of what they rest on."""
+"""Solutions as files of a bundle: judged, with hashes of their files and versions."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -34,8 +34,8 @@ class SolutionCampaign(msgspec.Struct, frozen=True, kw_only=True):
         campaign: its id.
         digest: over all of its results, as the service has it; None if it has not ended.
         planner: the planner under test.
-        services: versions of the services that ran it, one after the other.
-        workers: versions of the workers that ran its episodes, as far as they are known.
+        services: versions of the services that ran it, in order.
+        workers: known versions of the workers that ran its episodes.
         files: SHA-256 of its files, by name.
     """
 
@@ -53,10 +53,10 @@ class SolutionRecord(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         id: its number in the graph.
         kind: kind of output.
-        finding: what it shows.
-        context: what it was found for, in sentences.
+        finding: verdict on its criterion, with the numbers behind it.
+        context: planner, scenario, p(x) and requirements of its campaigns, in sentences.
         assumptions: what must be true for it, in sentences.
-        campaigns: what it rests on.
+        campaigns: the campaigns behind it.
         inputs: SHA-256 of `question.json` and `inputs.json`.
         eigenfail: version of the product that judged it.
     """

@@ -1,7 +1,7 @@
 """Bundles on a disk, as folders or ZIP archives: written whole or not at all, read with limits.
 
-Nothing of an archive is unpacked to the disk. Only names of files that a bundle has are read, so
-that no name leads out of it, and links are refused.
+Archives are not unpacked to the disk. Only names of files that a bundle has are read, so that no
+name leads out of it, and links are refused.
 """
 
 import io
@@ -32,11 +32,11 @@ LONG_AGO = (1980, 1, 1, 0, 0, 0)
 
 
 class BundleDefect(msgspec.Struct, frozen=True, kw_only=True):
-    """Something in a bundle that is not as it was written.
+    """A difference between a bundle and its original.
 
     Attributes:
         where: the file, and the field in it.
-        problem: what is wrong with it.
+        problem: description of the defect.
     """
 
     where: str
@@ -62,10 +62,10 @@ ANOTHER = "Choose another folder, or give --force to replace it."
 
 
 def check_output(output: Path, *, force: bool) -> None:
-    """Refuse a place that holds something else than a bundle, or a bundle that is to stay.
+    """Refuse a path that holds anything but a bundle, or a bundle that must not be replaced.
 
     Raises:
-        InvalidValue: it cannot be written there.
+        InvalidValue: a bundle cannot be written there.
     """
     if not output.exists() or (output.is_dir() and not any(output.iterdir())):
         return
@@ -77,7 +77,7 @@ def check_output(output: Path, *, force: bool) -> None:
 
 
 def _find_foreign(output: Path) -> str:
-    """Return what in a place is not a bundle; empty if it is one."""
+    """Return why a path is not a bundle; empty if it is one."""
     if output.is_dir():
         files = (each for each in output.rglob("*") if each.is_symlink() or not each.is_dir())
         names = [each.relative_to(output).as_posix() for each in files]
@@ -122,7 +122,7 @@ def read_bundle(path: Path) -> StoredBundle:
     """Return the files of a bundle; files of other names, too large ones and links are defects.
 
     Raises:
-        InvalidValue: there is no bundle.
+        InvalidValue: the path does not exist, cannot be read, or is a device or a pipe.
     """
     try:
         if path.is_dir():

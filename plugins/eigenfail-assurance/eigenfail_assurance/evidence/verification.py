@@ -30,8 +30,8 @@ class EvidenceCheck(msgspec.Struct, frozen=True, kw_only=True):
         solutions: number of solutions whose numbers were computed again.
         episodes: number of episodes in the bundle.
         replayed: number of episodes that were run again.
-        defects: what is not as it was written; empty of a bundle that is verified.
-        notes: what was not looked at, and why, in sentences.
+        defects: parts that differ from the original bundle; empty for a verified bundle.
+        notes: parts that were not checked, and why, in sentences.
     """
 
     root_hash: str
@@ -45,7 +45,7 @@ class EvidenceCheck(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_verified(self) -> bool:
-        """Whether there are no defects."""
+        """True if the bundle has no defects."""
         return not self.defects
 
 
@@ -71,7 +71,7 @@ def verify_bundle(
         seed: of their choice; None takes one that follows from the root hash.
 
     Raises:
-        InvalidValue: there is no bundle, or another release wrote it in another format.
+        InvalidValue: the path holds no bundle, or another release wrote it in another format.
         ServiceError: episodes are to be run again, and none can be run here.
     """
     stored = read_bundle(Path(path))
@@ -110,7 +110,7 @@ def _check_hashes(files: Mapping[str, bytes], root_hash: str) -> tuple[Manifest,
 def _replay(
     checked: EvidenceCheck, files: Mapping[str, bytes], count: int, seed: int
 ) -> EvidenceCheck:
-    """Return a check of hashes and numbers with that of replays."""
+    """Return a check of hashes and numbers, with the check of replays added."""
     campaigns = read_records(files).records.campaigns
     found = replay_episodes(campaigns, choose_episodes(campaigns, count, seed))
     return replace(
@@ -124,7 +124,7 @@ def _replay(
 def _recompute(
     checked: EvidenceCheck, manifest: Manifest, files: Mapping[str, bytes]
 ) -> EvidenceCheck:
-    """Return a check of hashes with that of the numbers."""
+    """Return a check of hashes, with the check of numbers added."""
     try:
         read = read_records(files)
         found = compare_contents(manifest, files, read)

@@ -1,21 +1,21 @@
-"""The best use of the next episodes: where they take most off the variance of a total.
+"""The best use of the next episodes: the division that reduces the variance of a total most.
 
-The total T = Σ λ_s P_s has the variance Σ λ_s² σ_s² ÷ n_s + Σ P_s² Var(λ_s), where σ_s² is the
-variance of one episode: P (1 - P) of Monte Carlo, and n_s times the squared standard error of any
-other estimate, whose error falls with the square root of its budget. Only the first sum depends on
-episodes. With m_s more of them, m_s ≥ 0 and Σ m_s fixed, it is smallest where
+The total T = Σ λ_s P_s has the variance Σ λ_s² σ_s² ÷ n_s + Σ P_s² Var(λ_s). Here σ_s² is the
+variance of one episode. For Monte Carlo, σ_s² = P (1 - P). For any other estimate, whose error
+falls with the square root of its budget, σ_s² is n_s times the squared standard error. Only the
+first sum depends on episodes. With m_s more of them, m_s ≥ 0 and Σ m_s fixed, it is smallest where
 
     n_s + m_s = c · λ_s σ_s    or    m_s = 0 and n_s above that,
 
 with one c for all scenarios: Neyman's allocation (Neyman 1934, J. R. Stat. Soc. 97, 558–606;
-Cochran 1977, *Sampling Techniques*, 5.5), of which a part has been spent already. λ_s and P_s are
-taken at plausible values above 0: without a failure P_s is 1 ÷ (2 (n + 1)), so that a scenario in
-which nothing has failed so far gets episodes.
+Cochran 1977, *Sampling Techniques*, 5.5), with a part of the budget spent already. λ_s and P_s are
+set to plausible values above 0. Without a failure P_s is 1 ÷ (2 (n + 1)), so that a scenario
+without failures so far gets episodes.
 
-A scenario without an estimate has no σ_s. Each gets an equal part of the budget first, 1 ÷ number
-of all scenarios, for a first estimate, and the rest is divided as above; of fewer episodes than
-scenarios one each, as far as they go. The second sum is what
-episodes cannot take off; where it is the larger one, more hours of driving help more.
+σ_s is unknown for a scenario without an estimate. Each such scenario first gets an equal part of
+the budget, 1 ÷ number of all scenarios, for a first estimate. The rest is divided as above. If
+there are fewer episodes than such scenarios, each gets one as long as episodes last. Episodes
+cannot reduce the second sum; if it is the larger one, more hours of driving help more.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ class EpisodeShare(msgspec.Struct, frozen=True, kw_only=True):
         episodes: number of episodes.
         now: standard error that its probability of failure leaves in the total; None without an
             estimate. [1/h]
-        then: the same after these episodes, as far as it is known now. [1/h]
+        then: predicted value of `now` after these episodes. [1/h]
     """
 
     scenario: str
@@ -50,9 +50,9 @@ class Allocation(msgspec.Struct, frozen=True, kw_only=True):
         episodes: their number.
         shares: what each scenario should get, in the order of the question.
         now: standard error of the total. [1/h]
-        then: standard error of the total after these episodes, as far as it is known now. [1/h]
-        exposure: share of today's variance that is due to exposure, which no episode reduces;
-            None if there is no variance.
+        then: predicted standard error of the total after these episodes. [1/h]
+        exposure: share of today's variance that is due to exposure, which no episode reduces; None
+            if the variance is 0.
     """
 
     episodes: int
@@ -67,7 +67,7 @@ def allocate_episodes(names: Sequence[str], terms: Sequence[RiskTerm], episodes:
 
     Args:
         names: all scenarios in order.
-        terms: those that have an estimate.
+        terms: terms of the scenarios that have an estimate.
         episodes: the budget.
     """
     known = {term.name: term for term in terms}

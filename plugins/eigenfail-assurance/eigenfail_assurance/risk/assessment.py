@@ -22,11 +22,11 @@ class RiskVerdict(StrEnum):
 
 
 class RiskFigure(msgspec.Struct, frozen=True, kw_only=True):
-    """A number that is known up to an interval.
+    """A number with its uncertainty.
 
     Attributes:
         value: point estimate; None if there is none.
-        interval: two-sided interval of 95 %; None if the number has no upper bound.
+        interval: two-sided interval of 95 %; None if the number is not bounded above.
         at_least: one-sided lower bound of 95 %; None of factors, which are not judged.
         at_most: one-sided upper bound of 95 %; None if there is none.
     """
@@ -62,7 +62,7 @@ class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
         method: their method; empty without a campaign.
         episodes: number of completed episodes.
         failures: number of failures among them.
-        probability: what they state on P(failure); None if they state nothing.
+        probability: their confidence distributions of P(failure); None if they state nothing.
         problem: why they state nothing; empty otherwise.
         seeds: of the noise of their episodes.
         severities: severities of a random sample of the failures [m²/s²]; None if there is none.
@@ -87,8 +87,8 @@ class ScenarioRisk(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         scenario: its name.
-        encounters_per_hour: how often it is met; without an interval where that is taken to be
-            known exactly. [1/h]
+        encounters_per_hour: how often it is met; without an interval if the frequency is taken to
+            be exact. [1/h]
         campaigns: ids of the campaigns behind the probability.
         method: their method; empty without a campaign.
         episodes: number of their completed episodes.
@@ -96,7 +96,7 @@ class ScenarioRisk(msgspec.Struct, frozen=True, kw_only=True):
         probability: P(failure) in one encounter.
         per_hour: failures in an hour of driving. [1/h]
         share: share of the estimated total; None while the total is not known, or 0.
-        problem: why there is no probability; empty otherwise.
+        problem: why the probability is missing; empty otherwise.
     """
 
     scenario: str
@@ -134,15 +134,16 @@ class RiskAssessment(msgspec.Struct, frozen=True, kw_only=True):
     """The risk of a planner in the scenarios of a question.
 
     Attributes:
-        question: what was asked.
+        question: the question.
         planner: the planner that all campaigns tested; empty without a campaign.
         verdict: what the one-sided bounds show about the target.
-        per_hour: failures in an hour; without value and upper bounds while a scenario has no
-            estimate: `at_least` is then that of the other ones, whose sum it cannot fall below.
+        per_hour: failures in an hour of driving. While a scenario lacks an estimate, value and
+            upper bounds are None, and `at_least` is the lower bound over all scenarios with an
+            estimate.
         per_million_km: failures in 10^6 km; None if the distance that was driven is not known.
         scenarios: in the order of the question.
-        severity: classes of severity, then failures of which no severity is known; empty if no
-            threshold is given, or the total is not known.
+        severity: classes of severity, then failures of unknown severity; empty if no threshold is
+            given, or the total is not known.
         next: the best use of the next episodes.
         notes: what limits the answer, in sentences.
     """
@@ -167,7 +168,7 @@ def assess(
     """Return the risk that evidence shows.
 
     Args:
-        question: what is asked.
+        question: the question.
         evidence: of each of its scenarios, in order.
         planner: the planner that the campaigns tested.
         notes: what limits the evidence, in sentences.
@@ -203,13 +204,13 @@ def assess(
 
 
 def name_noises(seeds: Sequence[Sequence[int]]) -> list[str]:
-    """Return a name of the noise of each scenario, equal where it may be correlated.
+    """Return a name of the noise of each scenario; equal names mean that noise may be correlated.
 
-    Scenarios that have a seed in common have the same name, and so have those that are joined by
-    others: the connected components of scenarios and seeds.
+    Scenarios with a common seed have the same name, also if only further scenarios connect them:
+    names are the connected components of scenarios and seeds.
 
     Args:
-        seeds: those of each scenario's campaigns, one or more.
+        seeds: seeds of each scenario's campaigns, one or more.
     """
     groups: list[frozenset[int]] = []
     for own in seeds:
@@ -233,8 +234,9 @@ def find_exposure(question: RiskQuestion, scenario: RiskScenario) -> confidence.
 def judge(question: RiskQuestion, total: RiskFigure) -> RiskVerdict:
     """Return what the one-sided bounds of a total show.
 
-    While a scenario has no estimate the target cannot be met, as it may fail at any rate. It is not
-    met where the other scenarios alone are above it, as no rate is negative.
+    If a scenario lacks an estimate, it may fail at any rate, so the target cannot be met. If the
+    scenarios with estimates alone exceed the target, the target is not met, since rates are not
+    negative.
     """
     target = question.target.per_hour
     if target is None:
@@ -285,7 +287,7 @@ def _describe_scenario(
 
 
 def _describe_factor(known: confidence.Confidence) -> RiskFigure:
-    """Return a factor with its interval; without one where it is taken to be known exactly."""
+    """Return a factor with its interval; the interval is None if the factor is exact."""
     interval = confidence.bound_factor(known)
     is_exact = interval.low == interval.high
     return RiskFigure(value=known.value, interval=None if is_exact else interval)

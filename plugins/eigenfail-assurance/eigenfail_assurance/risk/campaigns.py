@@ -34,7 +34,7 @@ ONE_ESTIMATE = (
 
 
 class _Probability(NamedTuple):
-    """What campaigns state on P(failure), or why they state nothing."""
+    """Confidence distributions of P(failure) from campaigns, or why there are none."""
 
     known: Confidence | None
     problem: str = ""
@@ -44,9 +44,9 @@ def assess_campaigns(store: Store, question: RiskQuestion) -> RiskAssessment:
     """Return the risk that the campaigns of a question show.
 
     Raises:
-        NotFound: there is no campaign of an id or a name.
-        InvalidValue: a campaign is named twice, tests another planner than the others, or is not
-            like those that it is counted together with.
+        NotFound: no campaign has the id or name.
+        InvalidValue: a campaign is named twice, tests another planner than the rest, or cannot be
+            counted together with the campaigns of its scenario.
     """
     used: dict[int, str] = {}
     found: list[list[Campaign]] = []
@@ -81,7 +81,7 @@ def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
     """Return the campaign of an id, or the only one of a name.
 
     Raises:
-        NotFound: there is none.
+        NotFound: no campaign has the id or name.
         InvalidValue: several have the name.
     """
     if isinstance(reference, int):
@@ -93,17 +93,17 @@ def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
 def find_sampled(
     store: Store, scenario: RiskScenario, campaigns: Sequence[Campaign], field: str
 ) -> list[Campaign]:
-    """Return the campaigns whose failures are a random sample of those of a scenario, if any.
+    """Return the campaigns whose failures are a random sample of a scenario's failures, if any.
 
     Args:
-        store: where campaigns are.
+        store: store of the campaigns.
         scenario: the scenario of a question.
         campaigns: its campaigns, which are alike.
         field: name of its field `failures_from`, for errors.
 
     Raises:
-        NotFound: there is no campaign `failures_from`.
-        InvalidValue: the failures of that campaign are no sample of p(z | failure), or those of
+        NotFound: the campaign `failures_from` does not exist.
+        InvalidValue: the failures of `failures_from` are not a sample of p(z | failure), it is on
             another scenario, or it has not ended.
     """
     if scenario.failures_from is not None:
@@ -117,12 +117,12 @@ def find_sampled(
 def collect_evidence(
     store: Store, campaigns: Sequence[Campaign], sampled: Sequence[Campaign]
 ) -> ScenarioEvidence:
-    """Return what campaigns know of a scenario.
+    """Return the evidence of campaigns on a scenario.
 
     Args:
-        store: where their failures are.
-        campaigns: those of the scenario, which are alike.
-        sampled: those whose failures are a random sample; of `chains` the ones after burn-in are.
+        store: store of their failures.
+        campaigns: campaigns of the scenario, which are alike.
+        sampled: campaigns whose failures are a random sample; for `chains`, only after burn-in.
     """
     known, problem = find_probability(campaigns, _sum_unresolved(store, campaigns))
     first_samples = find_first_samples(sampled)
@@ -146,14 +146,14 @@ def collect_evidence(
 
 
 def find_probability(campaigns: Sequence[Campaign], unresolved: int = 0) -> _Probability:
-    """Return what campaigns of one scenario state on P(failure).
+    """Return the evidence of one scenario's campaigns on P(failure).
 
-    Episodes state it where `SamplingDesign` calls them a sample of p(x), and a method's estimate
-    where the method declares `bounds_probability` and the estimate is not a lower bound and has an
-    interval. The failures of a search state nothing.
+    Episodes give it if `SamplingDesign` calls them a sample of p(x). A method's estimate gives it
+    if the method declares `bounds_probability`, and the estimate has an interval and is not a lower
+    bound. The failures of a search state nothing.
 
     Args:
-        campaigns: those of the scenario, which are alike.
+        campaigns: campaigns of the scenario, which are alike.
         unresolved: number of their episodes that ended before what may have become a failure; they
             count as failures in the upper bounds of episodes that were drawn from p(x).
     """
@@ -215,7 +215,7 @@ def _read_estimate(campaign: Campaign) -> _Probability:
 
 
 def _refuse_other_failures(sampled: Campaign, campaigns: Sequence[Campaign], field: str) -> None:
-    """Refuse a campaign whose failures are no sample of those in question."""
+    """Refuse a campaign whose failures do not sample the failures of the scenario."""
     method = sampled.spec.method
     if method != CHAINS and not traits_of(method).draws_from_prior:
         problem = f"campaign {sampled.id} is of '{method}', whose failures are no random sample."
@@ -235,7 +235,7 @@ def _refuse_other_failures(sampled: Campaign, campaigns: Sequence[Campaign], fie
 def _list_notes(
     found: Sequence[Sequence[Campaign]], sampled: Sequence[Sequence[Campaign]]
 ) -> Iterator[str]:
-    """Yield how the campaigns differ, and what they have in common, in sentences."""
+    """Yield shared seeds and differing requirements or disturbance models, in sentences."""
     seeds = [seed for of_one in found for seed in {each.spec.seed for each in of_one}]
     if len(set(seeds)) < len(seeds):
         yield (
@@ -264,7 +264,7 @@ def _sum_unresolved(store: Store, campaigns: Sequence[Campaign]) -> int:
 
 
 def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:
-    """Yield how episodes are counted that ended while no braking could avoid a collision."""
+    """Yield how unresolved episodes of campaigns that state a probability are counted."""
     drawn = [each for each in campaigns if traits_of(each.spec.method).draws_from_prior]
     other = [each for each in campaigns if each not in drawn]
     ended = "ended unresolved: braking could not avoid a collision any more"
@@ -275,7 +275,7 @@ def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[s
 
 
 def _describe_chains(store: Store, sampled: Sequence[Campaign]) -> Iterator[str]:
-    """Yield whether the chains have mixed whose failures tell the severity."""
+    """Yield whether the `chains` campaigns behind the severities have mixed."""
     for campaign in sampled:
         if campaign.spec.method != CHAINS:
             continue

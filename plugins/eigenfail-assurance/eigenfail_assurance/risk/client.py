@@ -14,7 +14,7 @@ def assess_risk(client: Client, question: RiskQuestion) -> RiskAssessment:
             `eigenfail_assurance.risk.question.read_risk_file`.
 
     Raises:
-        NotFound: no such campaign, or a service without the plug-in.
+        NotFound: unknown campaign, or a service without the plug-in.
         InvalidValue: a campaign is named twice, or does not fit the others.
     """
     return client.link.post("/risk", RiskAssessment, question)

@@ -1,50 +1,52 @@
 """Confidence distributions of rates and probabilities, and bounds of sums of their products.
 
-The rate of failures is T = λ_1 P_1 + … + λ_m P_m, with λ_s the encounters of scenario s in an hour,
-and P_s the probability that one of them ends in a failure. Each factor is known by itself, by
-one-sided bounds at every confidence: exact ones of counts, approximate ones of the others. Read as
-a function of the confidence, these bounds are two distributions, a lower and an upper one:
+The rate of failures is T = λ_1 P_1 + … + λ_m P_m. Here λ_s is the number of encounters with
+scenario s in an hour, and P_s the probability that an encounter ends in a failure. Each factor has
+one-sided bounds at every confidence: exact bounds for counts, approximate bounds for other
+evidence. Read as a function of the confidence, these bounds are two distributions, a lower and an
+upper one:
 
 - k encounters in H hours, a Poisson number: Gamma(k) ÷ H and Gamma(k + 1) ÷ H (Garwood 1936,
   Biometrika 28, 437–442).
-- k failures of n episodes that were drawn from p(x): Beta(k, n - k + 1) and Beta(k + 1, n - k)
-  (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored and
-  unresolved episodes count as failures in the upper one, and as none in the lower one.
+- k failures of n episodes drawn from p(x): Beta(k, n - k + 1) and Beta(k + 1, n - k) (Clopper and
+  Pearson 1934, Biometrika 26, 404–413). Errored and unresolved episodes count as failures in the
+  upper one, and as none in the lower one.
 - an estimate with an error between independent runs: log-normal, with Student's quantiles. The
   lower one is cut at the estimate.
 - a value with a 95 % interval: log-normal with this median and these ends. The lower one is cut at
   value · exp(-s (1 + s) ÷ 2), with s the standard error of the logarithm.
 
-**Cut.** A log-normal distribution has a mean above its median, and none with Student's quantiles.
-The mean of a sum of draws would be above the truth, and with many summands the lower bound as well.
-Draws of a lower distribution are therefore cut where their mean is at most that of an estimate
-without bias, as it is by itself for counts: at the estimate of runs, which is one. A value whose
-logarithm has a normal error has the mean exp(s² ÷ 2) times the truth; exp(-s² ÷ 2) takes that off,
-and exp(-s ÷ 2) covers the skewness of sums of few. Only draws above the cut change: the lower bound
-of one such factor is its own up to s = 2.3, an interval of ÷ 88 to × 88, and lower beyond that.
+**Cut.** A log-normal distribution has a mean above its median; with Student's quantiles, the mean
+does not exist. The mean of a sum of draws would be above the truth, and with many summands the
+lower bound as well. Draws of a lower distribution are therefore cut so that their mean is at most
+the mean of an unbiased estimate. Counts have such a mean without a cut. The cut of an estimate from
+runs, which is unbiased, is the estimate itself. A value whose logarithm has a normal error has the
+mean exp(s² ÷ 2) times the truth; exp(-s² ÷ 2) takes that off, and exp(-s ÷ 2) covers the skewness
+of sums of few. Only draws above the cut change. The lower bound of one such factor stays the same
+up to s = 2.3, an interval of ÷ 88 to × 88, and is lower beyond.
 
 **Melding** (Fay, Proschan and Brittain 2015, Biometrics 71, 146–156) bounds a function that rises
-in all parameters: its upper bound is the quantile of the function of independent draws from the
-upper distributions, the lower bound that of draws from the lower ones. For one factor it is its own
-bound. For more of them the authors conjecture that it covers at least as often as it says, and show
-it by simulation; `risk.cover.` among our claims is how often it does for sums as here. It takes
-one event more than was seen in each summand, where the gamma interval of Fay and Feuer (1997,
-Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in all: with many
-summands of few events it is wider.
+in all parameters. Its upper bound is the quantile of the function over independent draws from the
+upper distributions; its lower bound uses draws from the lower distributions. For one factor, the
+result is the factor's own bound. For several factors, the authors conjecture that melding covers at
+least at its nominal confidence, and support this by simulation; `risk.cover.` among our claims
+gives its coverage for sums as here. Melding adds one event to the observed count of each summand.
+The gamma interval of Fay and Feuer (1997, Statistics in Medicine 16, 791–801) for a weighted sum of
+Poisson rates adds one event in total. Hence melding is wider for many summands with few events.
 
-**Monotone.** A further scenario adds draws that are not negative to draws that stay the same, so
-that no bound falls where a scenario is added, while the others share their noise as before. The
-method of variance estimates recovery (Zou and Donner 2008, Statistics in Medicine 27, 1693–1702)
-has this property as well. It needs a point estimate of each summand, which a stop rule may leave
-without one, and another rule for the products.
+**Monotone.** A further scenario adds non-negative draws to unchanged draws. Hence adding a scenario
+lowers no bound, as long as the earlier scenarios share their noise as before. The method of
+variance estimates recovery (Zou and Donner 2008, Statistics in Medicine 27, 1693–1702) has this
+property as well. It needs a point estimate of each summand, which a stop rule may rule out, and
+another rule for the products.
 
-Draws are no random numbers: each distribution is divided into `DRAWS` parts of equal probability,
-which are matched by permutations whose seeds are names. The same question has the same answer,
-whatever the order of its scenarios; `risk.renamed` is how far other names change bounds.
+Draws are not random numbers. Each distribution is divided into `DRAWS` parts of equal probability,
+and the parts are matched by permutations whose seeds are names. The same question has the same
+answer, whatever the order of its scenarios; `risk.renamed` gives how far other names change bounds.
 
 Campaigns with the same seed have the same noise: their errors may be correlated. The bounds are the
-outer ones of two sums: of independent draws, and of draws whose probabilities of equal noise are
-matched in rising order, the strongest correlation, which narrows some sums of heavy tails.
+outer ones of two sums. One sum uses independent draws. The second sum matches probabilities of
+equal noise in rising order: the strongest correlation, which narrows some sums of heavy tails.
 """
 
 from collections.abc import Sequence
@@ -88,11 +90,11 @@ class Confidence(Protocol):
 
     @property
     def centre(self) -> float:
-        """A plausible value that is above 0 also if no event was seen."""
+        """A plausible value above 0, even without any observed event."""
 
     @property
     def variance(self) -> float:
-        """Squared standard error of the estimate, above 0 also if no event was seen."""
+        """Squared standard error of the estimate, above 0 even without any observed event."""
 
     def draw_lower(self) -> Array:
         """Return the quantiles of the lower distribution at `LEVELS`."""
@@ -105,11 +107,11 @@ class Confidence(Protocol):
 class Stated:
     """A value with a 95 % interval, log-normal on both sides of it.
 
-    Its own lower bound is that of the interval, unless the lower end is below value ÷ 88.
+    Its lower bound is the lower end, unless the lower end is below value ÷ 88.
 
     Attributes:
         value: the value, which is the median; None if only the interval is known.
-        low: lower end; equal to the value and the upper end where it is known exactly.
+        low: lower end; equal to the value and the upper end if the value is exact.
         high: upper end.
     """
 
@@ -126,11 +128,11 @@ class Stated:
 
     @property
     def variance(self) -> float:
-        """Squared width of the interval, by that of a normal one."""
+        """Squared standard error of a normal distribution with this interval."""
         return ((self.high - self.low) / (2.0 * Z)) ** 2
 
     def draw_lower(self) -> Array:
-        """Return quantiles, cut at value · exp(-s (1 + s) ÷ 2); zeros where the lower end is 0."""
+        """Return quantiles, cut at value · exp(-s (1 + s) ÷ 2); zeros if the lower end is 0."""
         if not self.low:
             return np.zeros(DRAWS)
         error = log(self.centre / self.low) / Z
@@ -139,7 +141,7 @@ class Stated:
         return drawn
 
     def draw_upper(self) -> Array:
-        """Return quantiles; those of an exponential distribution where the lower end is 0."""
+        """Return quantiles; an exponential distribution's if the lower end is 0."""
         if self.low or not self.high:
             return self._draw()
         scaled: Array = np.log1p(-LEVELS) / log(ERROR / 2.0) * self.high
@@ -156,11 +158,11 @@ class Stated:
 
 @dataclass(frozen=True)
 class EventRate:
-    """Rate of events, a Poisson number of which was counted.
+    """Rate of events, from a count with a Poisson distribution.
 
     Attributes:
         events: number of events.
-        hours: time in which they were counted. [h]
+        hours: time in which the events were counted. [h]
     """
 
     events: int
@@ -200,7 +202,7 @@ class FailureShare:
         failures: number of failures.
         errored: number of episodes that could not be completed.
         trials: number of episodes, errored ones included.
-        value: the estimate, which a stop rule may have made another one than the share.
+        value: the estimate, which may differ from the share because of a stop rule.
         unresolved: number of episodes that ended before what may have become a failure; see
             docs/measures.md.
     """
@@ -212,7 +214,7 @@ class FailureShare:
     unresolved: int = 0
 
     def restrict_to(self, failures: int) -> "FailureShare":
-        """Return the probability of a class of the failures, of which this many were seen.
+        """Return the probability of one class of failures, with this many failures observed.
 
         Errored and unresolved episodes may have failed in any class.
         """
@@ -234,7 +236,7 @@ class FailureShare:
         return _draw_beta(k, self.trials - k + 1) if k else np.zeros(DRAWS)
 
     def draw_upper(self) -> Array:
-        """Return quantiles of Beta(k + 1, n - k); ones if nothing else was seen than failures.
+        """Return quantiles of Beta(k + 1, n - k); ones if only failures were seen.
 
         Errored and unresolved episodes count as failures.
         """
@@ -246,7 +248,7 @@ class FailureShare:
 class RunEstimate:
     """Probability of failure, from an estimate with an error between independent runs.
 
-    log P is that of the estimate plus `spread` times Student's distribution.
+    log P is the logarithm of the estimate plus `spread` times Student's distribution.
 
     Attributes:
         value: the estimate, above 0.
@@ -431,7 +433,7 @@ def bound_factor(known: Confidence) -> Interval:
 def find_t_freedom(quantile: float) -> float:
     """Return the degrees of freedom of Student's distribution that has this 97.5 % quantile.
 
-    They are 1 or more; infinite if the quantile is that of the normal distribution.
+    They are 1 or more; infinite if the quantile is the normal distribution's.
     """
     if quantile <= Z * (1.0 + NEARLY_NORMAL):
         return inf

@@ -59,7 +59,7 @@ class RiskView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         typed: the question as it was typed; empty before one was.
-        problem: why it has no answer; empty otherwise.
+        problem: why the question has no answer; empty otherwise.
         verdict: the verdict as a sentence; empty without an answer.
         mark: class of the verdict's style.
         tables: totals, scenarios and classes of severity.
@@ -110,7 +110,7 @@ def answer(store: Store, text: str) -> RiskAssessment:
 
     Raises:
         InvalidValue: the text is not TOML, or a field of it cannot be.
-        NotFound: there is no such campaign.
+        NotFound: the campaign does not exist.
     """
     given = parse_toml(text, QUESTION, LIKE_RISK)
     return assess_campaigns(store, convert({"name": "Risk", **given}, RiskQuestion, QUESTION))

@@ -1,4 +1,4 @@
-"""Whether campaigns can be counted together, and test one planner."""
+"""Checks whether campaigns can be counted together, and test one planner."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -27,7 +27,7 @@ def are_alike(one: CampaignSpec, other: CampaignSpec) -> bool:
 
 
 def _align(one: CampaignSpec, other: CampaignSpec) -> CampaignSpec:
-    """Return the other specification with seed and budget of the one."""
+    """Return the second specification with the seed and budget of the first."""
     same = {name: getattr(one, name) for name in (*_OF_NO_EPISODE, "seed")}
     return replace(other, **same)
 
@@ -55,7 +55,7 @@ def refuse_unlike(campaigns: Sequence[Campaign], field: str) -> None:
 
 
 def _list_differences(one: CampaignSpec, other: CampaignSpec) -> list[str]:
-    """Return the names of the fields in which two campaigns differ."""
+    """Return the names of the fields that differ between two campaigns."""
     fields = CampaignSpec.__struct_fields__
     return [name for name in fields if getattr(one, name) != getattr(other, name)]
 
@@ -91,7 +91,7 @@ def find_planner(groups: Sequence[Sequence[Campaign]], prefix: str = "") -> str:
 
     Args:
         groups: campaigns of each scenario.
-        prefix: what stands before the name of the field in errors.
+        prefix: text before the name of the field in errors.
 
     Raises:
         InvalidValue: one tests another planner than the first, or the same with other settings.

@@ -51,7 +51,7 @@ class RiskTarget(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class Driving(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The driving in which encounters were counted.
+    """The driving during which encounters were counted.
 
     Attributes:
         hours: duration. [h]
@@ -63,21 +63,21 @@ class Driving(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class RiskScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How often a scenario is met, and the campaigns that know how often it ends in a failure.
+    """How often a scenario is met, and the campaigns that estimate how often it ends in a failure.
 
     Attributes:
-        name: its name in tables; it need not be that of a scenario of a simulator.
+        name: its name in tables; any name will do, also one that no simulator's scenario has.
         encounters: number of times that it was met in the driving of `[exposure]`, or in `hours`.
-        hours: duration of another log in which `encounters` were counted. [h]
+        hours: duration of another log that gave `encounters`. [h]
         per_hour: how often it is met in an hour, if no log was counted.
         per_kilometre: how often it is met in a kilometre, likewise.
         interval: 95 % interval of `per_hour` or `per_kilometre`; without it they are taken to be
             known exactly.
-        campaigns: ids or names. Several are counted together, which only campaigns of Monte Carlo
-            with different seeds can be. None at all leaves the total undecided.
-        failures_from: campaign whose failures say how severe they are, a random sample of
-            p(z | failure): of Monte Carlo or `chains`. By default `campaigns` themselves, if all of
-            them are of Monte Carlo.
+        campaigns: ids or names. Several are counted together; this requires Monte Carlo campaigns
+            with different seeds. None at all leaves the total undecided.
+        failures_from: campaign (Monte Carlo or `chains`) whose failures, a random sample of p(z |
+            failure), give the severities. By default `campaigns` themselves, if all of them are of
+            Monte Carlo.
     """
 
     name: RiskName
@@ -116,8 +116,8 @@ class RiskQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     Attributes:
         name: name of the assessment.
         target: largest rate of failures that is accepted.
-        exposure: the driving in which encounters were counted.
-        scenarios: the scenarios that can end in a failure; the risk is that of these alone.
+        exposure: the driving during which encounters were counted.
+        scenarios: the scenarios that can end in a failure; the risk covers only these.
         severity: thresholds between classes of severity, rising. [m²/s²]
         episodes: size of the next budget whose best use is found.
     """

@@ -225,7 +225,7 @@ def _list_class(each: assessment.SeverityRate) -> tuple[Cell, ...]:
 
 
 def describe_allocation(found: Allocation) -> Iterator[Block]:
-    """Yield where the next episodes help most, as a table with sentences."""
+    """Yield the best division of the next episodes, as a table with sentences."""
     columns = (
         SCENARIO,
         TableColumn("Next episodes"),

@@ -1,1 +1,1 @@
-"""What a planner requires of its sensor: the largest errors at which failures stay rare enough."""
+"""Requirements of a planner on its sensor: the largest errors with rare enough failures."""

@@ -45,7 +45,7 @@ def find_sensor_requirement(
     Args:
         client: client of the service that runs the campaigns.
         spec: the campaign, with the method that bounds P(failure) and the budget of an anchor.
-        question: what is asked.
+        question: channels, target and budget.
         run: follows a campaign; by default it is waited for in silence.
 
     Raises:
@@ -190,7 +190,7 @@ def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Inte
 
     Args:
         campaign: a campaign of Monte Carlo.
-        error: probability with which a bound does not hold.
+        error: probability that a bound does not hold.
         unresolved: number of safe episodes that ended while braking could not avoid a collision
             any more, or may have.
     """
@@ -224,7 +224,7 @@ def bound_estimate(estimate: Estimate, error: float) -> Interval:
     the degrees of freedom follow from the lower end, which is cut nowhere.
 
     Raises:
-        InvalidValue: the estimate has no interval.
+        InvalidValue: the estimate lacks an interval.
     """
     if estimate.interval is None or not estimate.cv or not estimate.probability:
         raise InvalidValue("estimate", "it has no interval.", METHODS)

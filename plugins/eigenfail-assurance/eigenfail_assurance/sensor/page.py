@@ -50,7 +50,7 @@ def format_page(spec: CampaignSpec, answer: RequirementAnswer) -> str:
 
     Args:
         spec: the campaign that was asked about.
-        answer: what was found.
+        answer: requirement on the sensor, as found by the search.
     """
     title = f"Sensor requirement: {spec.name}"
     return "\n".join(
@@ -163,7 +163,7 @@ class LogAxis(NamedTuple):
     ticks: tuple[float, ...]
 
     def place(self, value: float) -> float:
-        """Return the place of a value; beyond the ends that of the end. [px]"""
+        """Return the place of a value; values beyond an end are placed at the end. [px]"""
         inside = min(max(value, self.low), self.high)
         share = log(inside / self.low) / log(self.high / self.low)
         return round(self.begin + share * (self.end - self.begin), 1)

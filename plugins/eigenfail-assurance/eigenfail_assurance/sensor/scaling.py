@@ -1,7 +1,7 @@
 """Sensors that are worse or better than a campaign's: multiples of the errors of its channels.
 
 The size of a channel's error is its sigma, at no distance and by distance alike, or the rate of an
-event. `scale` stands for the scale of the disturbance model, which multiplies every sigma.
+event. The name `scale` means the scale of the disturbance model, which multiplies every sigma.
 """
 
 from collections.abc import Iterable, Mapping
@@ -32,7 +32,7 @@ def check_channels(spec: CampaignSpec, names: Iterable[str]) -> None:
     """Refuse channels whose error cannot be scaled.
 
     Raises:
-        UnknownName: the campaign has no such channel; the names that it has are listed.
+        UnknownName: the campaign lacks a channel; the names that it has are listed.
         InvalidValue: no channel, one that is named twice, or one without a sigma or rate.
     """
     named = tuple(names)

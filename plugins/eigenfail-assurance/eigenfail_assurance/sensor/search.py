@@ -11,9 +11,9 @@ the true limit seems to meet the target. As long as none does, the bisection tak
 such anchors, whatever is found below the limit: an anchor there that is missed leads away from
 them. So at most n tests can make the statement wrong, and they may depend on each other, as
 campaigns of one seed do. Testing from the smallest error on would need no division, but a campaign
-for each point of the grid, and those with the rarest failures cost most. If an anchor is
-undecided, a second bisection looks for the smallest error that misses the target; what is met
-there does not count.
+for each point of the grid, and those with the rarest failures cost most. If an anchor is undecided,
+a second bisection looks for the smallest error that misses the target; targets met in this second
+bisection do not count.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -54,7 +54,7 @@ class MultipleRange(msgspec.Struct, frozen=True):
     tolerance: Annotated[float, msgspec.Meta(ge=0.01, le=1.0)] = 0.05
 
     def __post_init__(self) -> None:
-        """Raise InvalidValue for a range that is empty or has no room for two multiples."""
+        """Raise InvalidValue for a range that is empty or too narrow for two multiples."""
         if not self.low * NARROWEST <= self.high:
             raise InvalidValue("low", f"{self.low:g} is not below the high end, {self.high:g}.")
 
@@ -73,8 +73,8 @@ class RequirementQuestion(msgspec.Struct, frozen=True, kw_only=True):
         target: largest probability of failure that is accepted.
         channels: whose errors are scaled: each alone, and two of them jointly.
         within: multiples of their own size that are searched.
-        confidence: probability with which a statement on one channel holds, and with which all of
-            the frontier does.
+        confidence: probability that a statement on one channel holds, and that all statements on
+            the frontier hold.
         points: points of the frontier, the multiples of the first channel; 0 for none.
     """
 
@@ -101,7 +101,7 @@ class RequirementQuestion(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def has_frontier(self) -> bool:
-        """Whether two channels are searched jointly."""
+        """True if two channels are searched jointly."""
         return self.points > 0 and len(self.channels) == 2
 
 
@@ -122,10 +122,10 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
         campaign: id of the campaign.
         episodes: number of its completed episodes.
         failures: number of failures among them.
-        probability: P(failure); None if there is no estimate.
+        probability: P(failure); None if the estimate is missing.
         bounds: lower and upper bound of P(failure), each with the error of one test.
-        verdict: what they show.
-        problem: why there is no number; empty otherwise.
+        verdict: verdict of the bounds on the target.
+        problem: why numbers are missing; empty otherwise.
     """
 
     multiples: dict[str, float]
@@ -139,7 +139,7 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def leads_up(self) -> bool:
-        """Whether the search goes on at larger errors.
+        """True if the search continues at larger errors.
 
         If a method looks for failures and finds few, the reason is that failures are too rare.
         """
@@ -148,7 +148,7 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
         return unseen or self.verdict is AnchorVerdict.MET
 
     def is_within(self, other: "Anchor") -> bool:
-        """Whether no error is larger than at another anchor."""
+        """Return whether every error is at most as large as at another anchor."""
         names = self.multiples.keys() | other.multiples.keys()
         return all(
             self.multiples.get(each, 1.0) <= other.multiples.get(each, 1.0) for each in names
@@ -172,7 +172,7 @@ class ErrorLimit(msgspec.Struct, frozen=True, kw_only=True):
         not_met_from: smallest multiple that was shown not to meet it; None if none was.
         undecided: multiples between, which show neither.
         at_high_end: whether `largest` is the end of the search.
-        tests: multiples in the order in which they were tried.
+        tests: multiples in the order of the tests.
     """
 
     channel: str
@@ -188,10 +188,10 @@ class RequirementAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """Requirement on a sensor, as far as the budget shows it.
 
     Attributes:
-        question: what was asked.
+        question: the question.
         limits: largest error of each channel, the others as in the campaign.
         frontier: largest error of the second channel at multiples of the first one.
-        anchors: all that were tried, those of a search by the multiple of its channel.
+        anchors: all anchors of the searches, in each search sorted by the multiple of its channel.
         contradictions: pairs of them that contradict that P(failure) grows with errors.
     """
 
@@ -207,7 +207,7 @@ Measure = Callable[[Multiples, float], Anchor]
 
 
 def find_limits(question: RequirementQuestion, measure: Measure) -> RequirementAnswer:
-    """Search on each channel alone and, where it is asked for, on two jointly."""
+    """Search on each channel alone and, if the question has a frontier, on two channels jointly."""
     alone = [_Search(question, each, {}) for each in question.channels]
     jointly = list(_plan_frontier(question))
     for search in alone:

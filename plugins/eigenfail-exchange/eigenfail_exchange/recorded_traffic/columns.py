@@ -78,7 +78,7 @@ def refuse_impossible(name: str, track: Track) -> None:
         track: its columns, in order of time.
 
     Raises:
-        InvalidValue: it has.
+        InvalidValue: the vehicle has such rows or values.
     """
     if (latest := float(np.abs(track["time_s"]).max())) > LATEST:
         problem = f"time_s of vehicle '{name}' reaches {latest:g}."

@@ -132,7 +132,7 @@ def _is_static(obstacle: Element) -> bool:
 
 
 def _list_unread(root: Element, obstacles: Iterable[Element]) -> Iterator[str]:
-    """Yield what is not read of a CommonRoad file, in sentences."""
+    """Yield the parts of a CommonRoad file that are not read, in sentences."""
     counts: dict[str, int] = {}
     for each in root:
         if each.tag not in OBSTACLES:

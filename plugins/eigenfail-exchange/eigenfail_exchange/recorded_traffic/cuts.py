@@ -1,4 +1,4 @@
-"""Tracks cut where a vehicle is lost or jumps, since nobody knows its course in between."""
+"""Tracks cut at losses and jumps of a vehicle, since its course in between is unknown."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -68,8 +68,8 @@ def cut_tracks(
 ) -> tuple[dict[str, Track], dict[str, str], list[str]]:
     """Return the parts of vehicles between gaps and jumps by name, and the cuts in words.
 
-    The last value names the rows that are no part, since no motion follows from one. Vehicles that
-    have no other rows are added to those left out.
+    The last value names single rows that are left out, since no motion follows from one row.
+    Vehicles without any part, or with more than `MOST_CUTS` cuts, are added to `left_out`.
     """
     parts: dict[str, Track] = {}
     cuts: dict[str, str] = {}

@@ -68,10 +68,10 @@ def _find_turn(heading: Doubles, direction: Doubles) -> Doubles:
 
 
 def find_reversing(track: Track, motion: VehicleMotion, heading: Doubles) -> NDArray[np.bool_]:
-    """Return where a vehicle drives backwards, if it has these headings.
+    """Return whether a vehicle with this heading drives backwards, at each row.
 
-    All headings may be those of the rear. They are not if negative speeds agree with them, or if
-    the vehicle reverses for a short way and a part of its time.
+    All headings may point to the rear of the vehicle instead. They do not if negative speeds agree
+    with them, or if the vehicle reverses for a short way and a part of its time.
     """
     backwards = _find_turn(heading, motion.direction) > pi - MOST_TURN_RAD
     reverses = motion.moves & backwards & (motion.speed < REVERSING_MPS)
@@ -136,9 +136,9 @@ def check_headings(name: str, track: Track, *, is_ego: bool) -> list[str]:
 
 
 def check_unit_of_headings(tracks: Mapping[str, Track]) -> list[str]:
-    """Return a note on vehicles whose headings lie beside their motion.
+    """Return a note on vehicles whose headings differ from their motion.
 
-    Headings in degrees pass for radians where the road lies within half a degree of x.
+    If the road lies within half a degree of x, headings in degrees look like headings in radians.
 
     Raises:
         InvalidValue: most vehicles that move have such headings, or their headings change as those
@@ -198,10 +198,10 @@ def _average_heading(track: Track) -> Doubles:
 
 
 def _is_in_degrees(products: Doubles, squares: Doubles) -> bool:
-    """Return whether changes of headings are those of directions in degrees, by blocks of time.
+    """Return whether headings change as directions in degrees would, by blocks of time.
 
     Args:
-        products: sum of the changes of direction times those of heading, shape (blocks,).
+        products: sum of direction changes times heading changes, shape (blocks,).
         squares: sum of the squared changes of direction, shape (blocks,).
     """
     total = squares.sum()

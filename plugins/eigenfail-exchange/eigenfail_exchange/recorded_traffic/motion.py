@@ -159,8 +159,8 @@ def _derive_motion(
 ) -> tuple[Doubles, Doubles]:
     """Return headings and speeds at the times of a grid, by the positions.
 
-    If these are noisy, motion is that over `WINDOW_S`, since that between two steps would be
-    noise: a vehicle that stands would spin.
+    If the positions are noisy, motion is averaged over `WINDOW_S`. The motion between two steps
+    would be noise, and a standing vehicle would spin.
 
     Args:
         track: columns of the vehicle.
@@ -198,7 +198,7 @@ def _derive_motion(
 
 
 def _hold_direction(heading: Doubles, moves: np.ndarray[Any, Any]) -> Doubles:
-    """Return the headings, with that of the nearest time of motion while a vehicle stands."""
+    """Return the headings; during standstill, the heading at the nearest time of motion."""
     moving = np.flatnonzero(moves)
     if not len(moving):
         return np.full_like(heading, np.nan)

@@ -1,7 +1,7 @@
 """Recorded traffic as a scenario: a planner replaces one vehicle, the others replay the recording.
 
-Once the ego is further than a set distance from its recorded place, the recording says nothing of
-what the others would have done: from then on they follow the vehicle ahead of them, by the
+Once the ego is further than a set distance from its recorded place, the recording no longer shows
+how other vehicles would react. From then on they follow the vehicle ahead of them, by the
 Intelligent Driver Model, along their recorded paths. Vehicles come and go as in the recording.
 """
 
@@ -54,7 +54,7 @@ class RecordedTraffic:
         tracks: the recording; its first vehicle is replaced by the ego.
         lanes: number of lanes, lane 0 with its centre at y = 0, the others to its left.
         lane_width_m: width of a lane.
-        speed_limit_mps: speed limit that the planner is told.
+        speed_limit_mps: speed limit in the planner's mission.
     """
 
     Parameters: ClassVar[type[msgspec.Struct]] = RecordedTrafficParameters
@@ -65,12 +65,12 @@ class RecordedTraffic:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What episodes lack of the recording's vehicles, a sentence for each."""
+        """Vehicles of the recording that episodes lack, a sentence for each."""
         return tuple(f"'{name}': {why}" for name, why in self.tracks.left_out.items())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What else of the recording was not used or was changed, in sentences."""
+        """Other parts of the recording that were not used or were changed, in sentences."""
         return self.tracks.notes
 
     def __call__(
@@ -81,7 +81,7 @@ class RecordedTraffic:
         """Return the situation at the start of the recording.
 
         Raises:
-            InvalidValue: the ego of the recording stands all the time, or does not end ahead.
+            InvalidValue: the recorded ego never moves, or does not end ahead of its start.
         """
         course, ego = self.tracks.states[:, 0], self.tracks.ids[0]
         if not course[:, 3].max() >= STANDING_MPS:
@@ -114,7 +114,7 @@ class RecordedSituation:
     Args:
         tracks: the recording; its first vehicle is the ego.
         mission: road and task.
-        reactive_from_m: distance of the ego from its recorded place from which others react.
+        reactive_from_m: distance of the ego from its recorded place beyond which others react.
     """
 
     def __init__(self, tracks: RecordedTracks, mission: Mission, reactive_from_m: float) -> None:
@@ -144,12 +144,12 @@ class RecordedSituation:
 
 
 class ChangingSituation:
-    """The start of a recording in which vehicles come or go (`ReactiveSituation`).
+    """The start of a recording with vehicles that come or go (`ReactiveSituation`).
 
     Args:
         tracks: the recording; its first vehicle is the ego.
         mission: road and task.
-        reactive_from_m: distance of the ego from its recorded place from which others react.
+        reactive_from_m: distance of the ego from its recorded place beyond which others react.
     """
 
     def __init__(self, tracks: RecordedTracks, mission: Mission, reactive_from_m: float) -> None:
@@ -179,7 +179,7 @@ class RecordedVehicles:
     Args:
         tracks: the recording; its first vehicle is the ego.
         dt_s: duration of a step.
-        limit_m: distance of the ego from its recorded place from which others react.
+        limit_m: distance between the ego and its recorded place beyond which other vehicles react.
     """
 
     def __init__(self, tracks: RecordedTracks, dt_s: float, limit_m: float) -> None:
@@ -193,7 +193,7 @@ class RecordedVehicles:
         self._came = set(self._there)
 
     def advance(self, step: int, ego: VehicleState) -> dict[int, VehicleState]:
-        """Return the vehicles after a step by number; `ego` is where the ego is after it."""
+        """Return the vehicles after a step by number; `ego` is the ego after the step."""
         if not self._reacts:
             recorded = self._find_recorded(step)
             if self._is_valid(recorded, step, ego):
@@ -217,7 +217,7 @@ class RecordedVehicles:
         }
 
     def _is_valid(self, recorded: dict[int, VehicleState], step: int, ego: VehicleState) -> bool:
-        """Return whether the ego is near its recorded place, and nobody comes where it is."""
+        """Return whether the ego is near its recorded place, and no new vehicle overlaps it."""
         x_m, y_m = self._tracks.states[step, 0, :2]
         if not hypot(ego.x_m - x_m, ego.y_m - y_m) <= self._limit_m:
             return False
@@ -268,7 +268,7 @@ class _Path:
         number: number of the vehicle in the tracks.
         way_m: way along the path at each recorded step of the vehicle. [m]
         desired_mps: its largest recorded speed.
-        is_parked: whether it stood all the time: it stays where it is.
+        is_parked: whether it stood all the time; then it never moves.
     """
 
     def __init__(self, tracks: RecordedTracks, number: int) -> None:
@@ -312,7 +312,7 @@ class _Path:
 
 
 def _has_room(vehicle: VehicleState, others: tuple[VehicleState, ...], least_m: float) -> bool:
-    """Return whether a vehicle that comes is apart from all others, and nobody must crash.
+    """Return whether a new vehicle is apart from all others, with enough room to brake.
 
     Args:
         vehicle: the vehicle.
@@ -346,10 +346,10 @@ def _find_acceleration(
     """Return the acceleration of the Intelligent Driver Model, eq. 2 and 3. [m/s²]
 
     People follow each other at gaps that the model takes for an emergency. So a vehicle brakes by
-    little more than the comfortable deceleration beyond what its closing speed needs: Kesting,
-    Treiber, Helbing, Enhanced intelligent driver model to access the impact of driving strategies
-    on traffic capacity, Phil. Trans. R. Soc. A 368 (2010), the ACC model with a coolness of 1 and a
-    vehicle ahead that keeps its speed; it may come as near as vehicles stand apart.
+    at most the comfortable deceleration more than its closing speed needs. This is the ACC model of
+    Kesting, Treiber, Helbing, Enhanced intelligent driver model to access the impact of driving
+    strategies on traffic capacity, Phil. Trans. R. Soc. A 368 (2010), with a coolness of 1 and a
+    vehicle ahead that keeps its speed. The gap may shrink to the standstill gap.
 
     Args:
         vehicle: the vehicle that follows.
@@ -394,7 +394,7 @@ def find_log_validity(tracks: RecordedTracks, course: Floats | Doubles, distance
         distance_m: distance from its recorded place above which the ego has left the recording.
 
     Returns:
-        The time of the first step at which the ego is further away; the end of the course where it
+        The time of the first step at which the ego is further away; the end of the course if it
         never is.
     """
     steps = min(len(course), len(tracks.states))

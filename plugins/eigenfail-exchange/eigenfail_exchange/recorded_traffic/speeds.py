@@ -15,7 +15,7 @@ OTHER_UNITS_OF_SPEED = {"km/h": 3.6, "miles per hour": 2.23694, "feet per second
 
 
 def flip_speeds(name: str, track: Track) -> tuple[Track, list[str]]:
-    """Return a vehicle with negative speeds where it reverses and they have no sign; and a note."""
+    """Return a vehicle with its positive speeds negated while it reverses; and a note."""
     if "heading_rad" not in track or "speed_mps" not in track:
         return track, []
     heading, told = track["heading_rad"], track["speed_mps"]
@@ -35,7 +35,7 @@ def flip_speeds(name: str, track: Track) -> tuple[Track, list[str]]:
 
 
 def refuse_other_speeds(name: str, track: Track) -> None:
-    """Refuse a vehicle whose speeds are not those of its motion.
+    """Refuse a vehicle whose speeds do not fit its motion.
 
     Raises:
         InvalidValue: they are not. If they are as in another unit, the error names it.

@@ -50,9 +50,10 @@ def read_table_of_tracks(path: Path) -> RecordedFile:
 def _make_track(
     columns: Mapping[str, Doubles], order: NDArray[np.int64]
 ) -> tuple[Track, list[str]]:
-    """Return the columns of a vehicle, those of OPTIONAL if it has them, and which of them lacked.
+    """Return the columns of a vehicle, and the names of OPTIONAL columns that lack some values.
 
-    A size that some rows lack is that of the others; of headings and speeds none is kept.
+    If some rows lack a size, they get the median size. Headings and speeds with missing values are
+    dropped.
     """
     track = {column: values[order] for column, values in columns.items()}
     incomplete = []

@@ -47,7 +47,7 @@ MOST_VEHICLES = 999
 
 
 class RoadFrame(msgspec.Struct, frozen=True):
-    """Where a straight road is in the coordinates of a recording.
+    """Position and direction of a straight road in the coordinates of a recording.
 
     Attributes:
         x_m: x of a point on the centre of lane 0, which becomes the origin.
@@ -98,9 +98,9 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
 
     The file has a row for each vehicle and time: `id`, `time_s`, `x_m` and `y_m` of its centre, and
     if they are known `heading_rad`, `speed_mps`, `length_m` and `width_m`. The road is along x, and
-    y is to the left. Headings and speeds that are missing follow from the positions. Of CommonRoad
-    XML (2018b or 2020a) the obstacles with exact states and a rectangle are read; static ones stand
-    all the time.
+    y is to the left. Headings and speeds that are missing follow from the positions. From
+    CommonRoad XML (2018b or 2020a), obstacles with exact states and a rectangle are read; static
+    ones stand all the time.
 
     A vehicle that is lost for longer than `longest_gap_s` while it moves, or that jumps, ends
     there: what comes after is another vehicle, named `ID, part 2`.
@@ -109,14 +109,14 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         path: CSV; Parquet if its name ends in `.parquet`, CommonRoad if it ends in `.xml`.
         ego: id of the vehicle that a planner is to replace.
         dt_s: time between two steps.
-        frame: where the road is in the file, if not along its x axis.
+        frame: position of the road in the file, if it is not along the file's x axis.
         longest_gap_s: longest time between two rows of a vehicle that is interpolated.
         without: ids of vehicles to leave out on purpose.
 
     Raises:
-        UnknownName: the file has no vehicle of a name in `without`.
-        InvalidValue: the file cannot be read, lacks a column or a number, or contradicts itself; it
-            has no such ego, or none that can be used, or more steps than an episode can have; or
+        UnknownName: a vehicle in `without` is not in the file.
+        InvalidValue: the file cannot be read, lacks a column or a number, or contradicts itself;
+            the ego does not exist, cannot be used, or has more steps than an episode can have; or
             there is a time at which no other vehicle is there.
     """
     path = Path(path)
@@ -172,7 +172,7 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
 
 
 def _refuse_arguments(dt_s: float, longest_gap_s: float, without: Iterable[str | int]) -> None:
-    """Refuse durations that are none, and a text as a list of ids: it would be one of letters.
+    """Refuse impossible durations, and a text in place of a list of ids: its letters would be ids.
 
     Raises:
         InvalidValue: they are.
@@ -213,7 +213,7 @@ def _find_ego(
     """Return the track of the ego.
 
     Raises:
-        InvalidValue: there is no such vehicle that can be used.
+        InvalidValue: the vehicle does not exist, or cannot be used.
     """
     if ego in parts:
         return parts[ego]
@@ -270,7 +270,7 @@ def _find_span(track: Track, grid_s: Doubles) -> tuple[int, int]:
 def _refuse_empty_road(
     path: Path, ego: str, states: Doubles, grid_s: Doubles, reasons: Iterable[str]
 ) -> None:
-    """Refuse a recording in which the ego is alone for a while.
+    """Refuse a recording if the ego is alone at some time.
 
     Raises:
         InvalidValue: it is.
@@ -284,7 +284,7 @@ def _refuse_empty_road(
 
 
 def _rotate_states(states: Doubles, frame: RoadFrame) -> Doubles:
-    """Return states in a frame in which the road is along x."""
+    """Return states in a frame whose x axis is along the road."""
     dx, dy = states[..., 0] - frame.x_m, states[..., 1] - frame.y_m
     c, s = cos(frame.heading_rad), sin(frame.heading_rad)
     heading, speed = states[..., 2] - frame.heading_rad, states[..., 3]

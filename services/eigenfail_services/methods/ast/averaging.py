@@ -1,4 +1,4 @@
-"""Mean of the weights of a policy's last versions."""
+"""Mean weights of a policy's last versions."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,12 @@ from eigenfail_services.methods.archive import Arrays, take
 
 
 class PolicyAverage:
-    """Running mean of the weights of a policy over its trainings.
+    """Running mean of a policy's weights over its trainings.
 
     The last steps of stochastic training scatter about a solution, and their mean lies nearer to it
-    (Polyak and Juditsky 1992, SIAM J. Control Optim. 30; Izmailov et al. 2018, UAI). It is that of
-    all versions up to `length`, and exponential with the rate 1 / `length` from then on.
+    (Polyak and Juditsky 1992, SIAM J. Control Optim. 30; Izmailov et al. 2018, UAI). Up to `length`
+    versions, it is the plain mean of all versions. From then on, it is exponential with the rate 1
+    / `length`.
 
     Args:
         length: number of versions; with 1, the mean is the last version.
@@ -40,7 +41,7 @@ class PolicyAverage:
         self._weights = self._weights + share * (weights - self._weights)
 
     def apply(self, policy: Policy) -> Policy:
-        """Return the policy with the mean weights, or with its own before any training."""
+        """Return the policy with the mean weights; before any training, the policy itself."""
         if not self._count:
             return policy
         parts = iter(_split(self._weights, _list_weights(policy)))
@@ -59,7 +60,7 @@ class PolicyAverage:
         """Restore the state.
 
         Args:
-            arrays: what `arrays` returned.
+            arrays: result of `arrays`.
             policy: a policy of the same shape.
 
         Raises:

@@ -1,4 +1,4 @@
-"""The adversary's Markov decision process: its rewards, and decisions that stay for `hold` steps.
+"""The adversary's Markov decision process: rewards, and decisions that last for `hold` steps.
 
 Rewards are objects that can be compared with each other.
 """
@@ -19,19 +19,19 @@ Rewards = NDArray[np.float64]
 
 
 class Reward(Protocol):
-    """Rewards of the steps of an episode that was run to its end."""
+    """Rewards of the steps of a completed episode."""
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """Return the reward of every step, shape (steps,)."""
+        """Return the reward of each step, shape (steps,)."""
 
     def update(self, results: Sequence[EpisodeResult]) -> "Reward":
         """Return the reward of later episodes, which takes these into account."""
 
     def arrays(self) -> Arrays:
-        """Return what the reward has kept of earlier episodes."""
+        """Return the data that the reward has kept from earlier episodes."""
 
     def load(self, arrays: Arrays) -> "Reward":
-        """Return the reward as it was when it returned these arrays.
+        """Return the reward in the state that the arrays describe.
 
         Raises:
             ValueError: an array is missing or has another shape.
@@ -65,7 +65,7 @@ class PaperReward(ConstantReward, frozen=True):
     c_dist: float
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """Return the reward of every step, shape (steps,)."""
+        """Return the reward of each step, shape (steps,)."""
         # The reward of the end replaces log p of the last step: the cases of equation 4 exclude
         # each other.
         rewards = result.noise.log_probability_per_step.copy()
@@ -76,16 +76,16 @@ class PaperReward(ConstantReward, frozen=True):
 class MahalanobisReward(ConstantReward, frozen=True):
     """Koren et al. 2018 (Adaptive Stress Testing for Autonomous Vehicles, IEEE IV).
 
-    -log(1 + M(a_t)) in place of log p(a_t), M the Mahalanobis distance from the mean: ||z_t||.
-    It needs no density, only a covariance, and large disturbances cost little more than medium
-    ones. The end is the paper's.
+    -log(1 + M(a_t)) in place of log p(a_t), M the Mahalanobis distance from the mean: ||z_t||. It
+    needs only a covariance instead of a density, and large disturbances cost little more than
+    medium ones. The reward at the end is the paper's.
     """
 
     alpha: float
     c_dist: float
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """Return the reward of every step, shape (steps,)."""
+        """Return the reward of each step, shape (steps,)."""
         distances = np.linalg.norm(result.noise.counted_z.astype(np.float64), axis=1)
         rewards: Rewards = -np.log1p(distances)
         rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
@@ -107,10 +107,10 @@ MAX_FAILURES = 100
 class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
     """Corso et al. 2019 (AST with Reward Augmentation, IEEE ITSC): trajectory dissimilarity.
 
-    Against mode collapse, a terminal failure earns c_dissimilarity · d instead of 0. d is the
-    distance from the nearest known failure: the root mean square over steps and channels of the
-    difference in z, which is zero behind an episode's end [sigma]. For the first failure, d = 0.
-    Corso et al. compare trajectories of states; noise can be compared without a simulator.
+    To prevent mode collapse, a terminal failure earns c_dissimilarity · d instead of 0. d is the
+    distance from the nearest known failure [sigma]: the root mean square over steps and channels of
+    the difference in z. After an episode's end, z is 0. For the first failure, d = 0. Corso et al.
+    compare trajectories of states; noise can be compared without a simulator.
 
     Attributes:
         paper: reward of all other steps.
@@ -123,21 +123,21 @@ class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
     failures: Floats
 
     def __call__(self, result: EpisodeResult) -> Rewards:
-        """Return the reward of every step, shape (steps,)."""
+        """Return the reward of each step, shape (steps,)."""
         rewards = self.paper(result)
         if result.is_failure:
             rewards[-1] += self.c_dissimilarity * self.measure_distance(result)
         return rewards
 
     def measure_distance(self, result: EpisodeResult) -> float:
-        """Distance from the nearest known failure. [sigma]"""
+        """Return the distance from the nearest known failure. [sigma]"""
         if not len(self.failures):
             return 0.0
         differences = self.failures - self._pad(result)
         return float(np.sqrt(np.square(differences).mean(axis=(1, 2)).min()))
 
     def update(self, results: Sequence[EpisodeResult]) -> "DissimilarityReward":
-        """Return the reward with the failures among these episodes, without the oldest ones."""
+        """Return the reward with new failures added and the oldest ones dropped."""
         found = [self._pad(result)[None] for result in results if result.is_failure]
         failures = np.concatenate([self.failures, *found])[-MAX_FAILURES:]
         return msgspec.structs.replace(self, failures=failures)
@@ -147,10 +147,10 @@ class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
         return {"failures": self.failures}
 
     def load(self, arrays: Arrays) -> "DissimilarityReward":
-        """Return the reward with the failures of these arrays.
+        """Return the reward with known failures from arrays.
 
         Raises:
-            ValueError: they are missing or of another length.
+            ValueError: the failures are missing or have another length.
         """
         failures = arrays.get("failures")
         if failures is None or failures.shape[1:] != self.failures.shape[1:]:
@@ -171,8 +171,8 @@ class Decisions(msgspec.Struct, frozen=True, eq=False):
         states: observed at the decision, shape (n, count_state(channels)).
         actions: z / amplitude, in [-1, 1], shape (n, channels).
         rewards: sum over the steps of `n_step` decisions from this one on, shape (n,).
-        next_states: observed `n_step` decisions later, or at the last one, like `states`.
-        ends: 1 if the episode ended within these decisions, shape (n,).
+        next_states: observed `n_step` decisions later, or at the last decision, like `states`.
+        ends: 1 if the episode ended within the summed decisions, shape (n,).
     """
 
     states: Floats
@@ -186,9 +186,10 @@ class DecisionProcess(msgspec.Struct, frozen=True):
     """Grouping of steps into decisions, and of decisions into transitions.
 
     Attributes:
-        hold: number of steps for which one action stays.
+        hold: number of steps for which an action is held.
         n_step: number of decisions whose rewards are summed (Sutton and Barto 2018, chapter 7). The
-            entropy of those in between is neglected, and so is that other policies made them.
+            entropy of the decisions in between is neglected, and also the fact that other policies
+            made them.
         gamma: discount from decision to decision.
     """
 
@@ -198,7 +199,7 @@ class DecisionProcess(msgspec.Struct, frozen=True):
 
 
 def is_usable(result: EpisodeResult) -> bool:
-    """Whether an episode can be learnt from: a policy has disturbed it to its end."""
+    """Return whether a learner can use an episode: a policy has disturbed it to its end."""
     return (
         result.outcome is not Outcome.ERRORED
         and result.steps > 0
@@ -214,12 +215,12 @@ def make_decisions(
 
     Args:
         result: result of an episode that a policy has disturbed.
-        reward: reward of every step.
+        reward: reward of each step.
         process: grouping of steps and decisions.
         amplitude: the policy's largest |z|. [sigma]
 
     Raises:
-        LearnerFailed: a number in the episode is NaN or infinite.
+        LearnerFailed: a value in the episode is NaN or infinite.
     """
     first = np.arange(0, result.steps, process.hold)
     states = np.asarray(result.states, np.float32)[first]

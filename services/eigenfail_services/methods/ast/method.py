@@ -35,10 +35,10 @@ class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A training from new networks, with an empty replay buffer.
 
     Attributes:
-        number: number of attempts before it.
+        number: number of earlier attempts.
         first: index of its first episode.
         kept_before: number of episodes that were added to the buffers of earlier attempts.
-        widening: its amplitude ÷ the amplitude of the settings.
+        widening: amplitude of the attempt ÷ amplitude of the settings.
     """
 
     number: Count = 0
@@ -47,7 +47,7 @@ class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     widening: float = 1.0
 
     def derive_seed(self, seed: int) -> int:
-        """Return the seed of its networks and batches; that of the learner for the first one."""
+        """Return the seed of networks and batches; for the first attempt, the learner's seed."""
         # The first attempt has the learner's own seed: without a restart, nothing differs from a
         # campaign without `patience`.
         if not self.number:
@@ -56,14 +56,14 @@ class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RestartRule(msgspec.Struct, frozen=True):
-    """When an attempt is given up, and what the next one changes.
+    """Rule that gives up an attempt and widens the amplitude of the next attempt.
 
-    An attempt that finds next to nothing has too few failures to learn from: within its amplitude,
-    episodes by chance fail too seldom. So the next one has a larger amplitude, up to a bound.
+    An attempt that finds almost nothing has too few failures to learn from: within its amplitude,
+    random episodes fail too rarely. So the next attempt has a larger amplitude, up to a bound.
 
     Attributes:
         patience: number of episodes after which an attempt may be given up, if as many are left;
-            None: never.
+            None to never give up.
         amplitude: amplitude of the settings. [sigma]
         largest_amplitude: bound of the widened amplitude. [sigma]
         episodes: budget of the campaign.
@@ -77,13 +77,13 @@ class RestartRule(msgspec.Struct, frozen=True):
     def is_stuck(
         self, attempt: Attempt, observed: int, proposed: int, recent: tuple[bool, ...]
     ) -> bool:
-        """Whether an attempt is to be given up.
+        """Return whether an attempt must be given up.
 
         Args:
-            attempt: the present one.
+            attempt: present attempt.
             observed: number of observed episodes of the campaign.
-            proposed: number of proposed episodes; the next attempt learns from those behind them.
-            recent: whether the last episodes of the attempt failed, at most `WINDOW`.
+            proposed: number of proposed episodes; the next attempt learns from later episodes.
+            recent: failure flags of the attempt's last episodes, at most `WINDOW`.
         """
         if self.patience is None or len(recent) < WINDOW:
             return False
@@ -93,12 +93,12 @@ class RestartRule(msgspec.Struct, frozen=True):
         return is_due and sum(recent) < STUCK_SHARE * WINDOW
 
     def start_next(self, attempt: Attempt, first: int, kept: int) -> Attempt:
-        """Return the attempt after one that was given up.
+        """Return the attempt that follows an abandoned one.
 
         Args:
-            attempt: the one before.
-            first: index of its first episode.
-            kept: number of episodes that were added to buffers so far.
+            attempt: abandoned attempt.
+            first: index of the new attempt's first episode.
+            kept: number of episodes that were added to buffers so far, by all attempts.
         """
         return Attempt(attempt.number + 1, first, kept, self.widen(attempt.widening))
 
@@ -108,7 +108,7 @@ class RestartRule(msgspec.Struct, frozen=True):
 
 
 def make_reward(settings: AstSettings, context: learning.LearnerContext) -> decisions.Reward:
-    """Return the reward that the settings name, for the noise of a campaign."""
+    """Return the reward from the settings, for the noise of a campaign."""
     paper = decisions.PaperReward(settings.alpha, settings.c_dist)
     if settings.reward == "mahalanobis":
         return decisions.MahalanobisReward(settings.alpha, settings.c_dist)
@@ -122,16 +122,16 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """State of a learner besides its arrays.
 
     Attributes:
-        version: version of the policy; it increases with each training, and each change of
+        version: version of the policy, which increases with each training and each change of
             amplitude.
-        trainings: number of times that gradient steps were taken.
-        amplitude: amplitude of that version. [sigma]
+        trainings: number of trainings so far.
+        amplitude: amplitude of this version. [sigma]
         proposed: number of proposed episodes.
-        observed: number of observed episodes, including those that could not be run.
+        observed: number of observed episodes, including errored ones.
         kept: number of episodes that were added to the replay buffer.
-        trained: number of those episodes that were followed by gradient steps.
-        fresh: number of decisions without gradient steps yet.
-        recent: whether the last episodes in the buffer failed.
+        trained: number of kept episodes that the networks were trained on.
+        fresh: number of decisions that still lack gradient steps.
+        recent: failure flags of the last episodes in the buffer.
         converged: whether training has ended.
         attempt: the present attempt.
         sums: sums of the importance weights of failures.
@@ -153,7 +153,7 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     under: bytes = b""
 
     def with_amplitude(self, amplitude: float) -> "AstFacts":
-        """Return the state with an amplitude, in a new version: workers never update a version."""
+        """Return the state with an amplitude, as a new version, since workers cache versions."""
         if amplitude == self.amplitude:
             return self
         return msgspec.structs.replace(self, version=self.version + 1, amplitude=amplitude)
@@ -163,10 +163,10 @@ FIELD = "settings.warm_start"
 
 
 def _adopt_networks(trainer: Trainer, context: learning.LearnerContext, campaign: int) -> None:
-    """Give a new trainer the final networks of an earlier campaign.
+    """Load the final networks of an earlier campaign into a new trainer.
 
     Raises:
-        InvalidValue: that campaign is not available, or its networks have other shapes.
+        InvalidValue: the campaign is not available, or its networks have other shapes.
         ProtocolError: its state is not a state of `ast`.
     """
     _, arrays = archive.read("ast", _find_predecessor(context, campaign).state, AstFacts)
@@ -195,19 +195,20 @@ def _find_predecessor(context: learning.LearnerContext, campaign: int) -> learni
 class AdaptiveStressTesting:
     """Learns a policy that disturbs the planner's perception until the ego crashes.
 
-    Warm-up episodes come from the untrained policy: nearly uniform within the amplitude and held
-    for `hold` steps. Draws from the prior would teach nothing, as any tracker filters white noise.
+    Warm-up episodes come from the untrained policy: their noise is nearly uniform within the
+    amplitude and held for `hold` steps. Draws from the prior would be useless, as any tracker
+    filters white noise.
 
-    When `converged_share` of the last 100 episodes failed, training ends, and the campaign goes on
-    with the present policy. When next to none failed after `patience` episodes, training starts
-    anew with other networks and a larger amplitude, up to `largest_amplitude`.
+    If `converged_share` of the last 100 episodes failed, training ends, and the campaign continues
+    with the present policy. If almost none failed after `patience` episodes, training restarts with
+    new networks and a larger amplitude, up to `largest_amplitude`.
 
     Raises:
         InvalidValue: the campaign of `warm_start` is not available or does not fit.
 
     Attributes:
-        lookahead: 1, as the next policy is trained while the previous round still runs; or what
-            `parallel` takes: then policies learn from older rounds.
+        lookahead: 1, as the next policy is trained while the previous round still runs. With
+            `parallel`, as many rounds as it needs: policies then learn from older rounds.
     """
 
     Settings = AstSettings
@@ -240,7 +241,7 @@ class AdaptiveStressTesting:
 
     @property
     def trained_episodes(self) -> int:
-        """Number of episodes that the policy was trained with; constant after convergence."""
+        """Number of episodes that the policy was trained on; constant after convergence."""
         return self._facts.trained
 
     def propose(self, n: int) -> learning.Proposal:
@@ -255,11 +256,11 @@ class AdaptiveStressTesting:
         return _propose_policy(policy, count)
 
     def exploit(self, n: int) -> learning.Proposal:
-        """Return n episodes with the mean of the last policies at the last amplitude."""
+        """Return n episodes with the mean of the last policies, at the last amplitude."""
         return _propose_policy(self._make_final_policy(), n)
 
     def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
-        """Return the sums with episodes of `exploit`; unchanged where hold > 1."""
+        """Return the sums with the episodes of `exploit` added; unchanged if hold > 1."""
         return self._probability.weigh(sums, results, self._make_final_policy())
 
     def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
@@ -290,7 +291,7 @@ class AdaptiveStressTesting:
             self._restart_if_stuck()
 
     def state(self) -> bytes:
-        """Return networks, optimizers, replay buffer, what the reward keeps, counters and sums."""
+        """Return networks, optimizers, replay buffer, data of the reward, counters and sums."""
         arrays = {
             **self._trainer.arrays(),
             **self._reward.arrays(),
@@ -301,10 +302,10 @@ class AdaptiveStressTesting:
         return archive.write("ast", facts, arrays)
 
     def restore(self, state: bytes) -> None:
-        """Restore a state, from which learning goes on bit for bit.
+        """Restore a state, so that learning continues bit for bit.
 
         Raises:
-            ProtocolError: the bytes are not a state of this method with these settings.
+            ProtocolError: the bytes do not fit this method and its settings.
         """
         facts, arrays = archive.read("ast", state, AstFacts)
         with archive.wrap_errors("ast"):
@@ -329,7 +330,7 @@ class AdaptiveStressTesting:
         return self._average.apply(self._make_policy(facts))
 
     def _make_policy(self, facts: AstFacts) -> learning.Policy:
-        """Return the present actor, with version and amplitude of a state."""
+        """Return the present actor with the version and amplitude of a state."""
         actor = self._trainer.policy(facts.version)
         return structs.replace(actor, amplitude=facts.amplitude)
 
@@ -351,7 +352,7 @@ class AdaptiveStressTesting:
         )
 
     def _has_converged(self) -> bool:
-        """Whether enough of the last episodes failed."""
+        """Return whether enough of the last episodes failed."""
         share, facts = self._settings.converged_share, self._facts
         if share is None or len(facts.recent) < WINDOW:
             return False
@@ -375,7 +376,7 @@ class AdaptiveStressTesting:
             self._average.add(self._make_policy(self._facts))
 
     def _restart_if_stuck(self) -> None:
-        """Start the next attempt where the present one finds next to nothing."""
+        """Start the next attempt if the present attempt finds almost nothing."""
         facts, rule = self._facts, self._restarts
         is_stuck = rule.is_stuck(facts.attempt, facts.observed, facts.proposed, facts.recent)
         if is_stuck and not facts.converged:
@@ -389,5 +390,5 @@ class AdaptiveStressTesting:
 
 
 def _propose_policy(policy: learning.Policy, count: int) -> learning.Proposal:
-    """Return a proposal of episodes with one policy."""
+    """Return a proposal of `count` episodes with one policy."""
     return learning.Proposal((PolicySource(policy.version),) * count, policy)

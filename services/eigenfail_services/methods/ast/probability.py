@@ -36,13 +36,13 @@ within the edge, would falsify the density."""
 
 
 def log_weights(results: Sequence[EpisodeResult], policy: Policy) -> Array:
-    """Return log p(z) − log q(z) of episodes of one policy with hold = 1, shape (n,).
+    """Return log p(z) − log q(z) for episodes of one policy with hold = 1, shape (n,).
 
     q(z) is the product over steps of the policy's density given its state, up to the episode's own
     end (Siegmund 1976, Annals of Statistics 4, 673–684). NaN if a choice was almost certain.
 
     Args:
-        results: results of episodes of this policy, with their states.
+        results: results of this policy's episodes, with their states.
         policy: policy with hold = 1.
     """
     return np.array([log_weight(result, policy) for result in results], np.float64)
@@ -70,7 +70,7 @@ def compute_gaussian(policy: Policy, states: Array) -> tuple[Array, Array]:
 
     Args:
         policy: policy that chose the noise.
-        states: observed by it, shape (steps, count_state(channels)).
+        states: states that the policy observed, shape (steps, count_state(channels)).
     """
     hidden = states
     for layer in policy.hidden:
@@ -80,14 +80,14 @@ def compute_gaussian(policy: Policy, states: Array) -> tuple[Array, Array]:
 
 
 def log_density(z: Array, mean: Array, std: Array, amplitude: float) -> Array:
-    """Return the log density of z = amplitude · tanh(u), u ~ N(mean, std²), of the shape of z.
+    """Return the log density of z = amplitude · tanh(u), u ~ N(mean, std²), like z in shape.
 
     log N(u; mean, std²) − log(amplitude · (1 − tanh(u)²)) (Haarnoja et al. 2018, appendix C).
 
     Args:
         z: chosen noise. [sigma]
-        mean: mean of u, of the shape of z.
-        std: standard deviation of u, of the shape of z.
+        mean: mean of u, shaped like z.
+        std: standard deviation of u, shaped like z.
         amplitude: above 0. [sigma]
     """
     squashed = z / amplitude
@@ -104,7 +104,7 @@ def log_density(z: Array, mean: Array, std: Array, amplitude: float) -> Array:
 
 
 def _log_tail_probability(x: Array) -> Array:
-    """Return log P(X > x) for a standard normal X, shape (n,); its asymptote where x > 30."""
+    """Return log P(X > x) for a standard normal X, shape (n,); its asymptote from x = 30 on."""
     return np.array(
         [
             log(0.5 * erfc(one / sqrt(2.0)))
@@ -136,18 +136,17 @@ _policies = msgspec.msgpack.Decoder(dict[int, Policy], dec_hook=decode_array)
 class PolicyProbability:
     """Sums of importance weights over the rounds of the second half of the budget.
 
-    By then the early policies, whose few heavy weights would dominate the sum, have ended. A policy
-    never depends on the round that it runs, so that the sums are unbiased while it is trained. With
-    hold > 1 there are no weights: noise that is held lies in a set that has probability 0 under
-    p(z).
+    The first half is left out, because few heavy weights of the early policies would dominate the
+    sum. A policy never depends on the round that it runs, so the sums are unbiased during training.
+    With hold > 1, weights do not exist: held noise lies in a set with probability 0 under p(z).
 
     Args:
-        hold: number of steps for which an action stays.
+        hold: number of steps for which an action is held.
         budget: budget of the campaign, in episodes.
         channels: number of channels of the noise.
 
     Attributes:
-        sums: over the weighted episodes.
+        sums: sums over the weighted episodes.
     """
 
     def __init__(self, hold: int, budget: int, channels: int) -> None:
@@ -158,7 +157,7 @@ class PolicyProbability:
         self.sums = WeightedFailures()
 
     def begin(self, first: int, policy: Policy) -> None:
-        """Note the policy of the round that begins with episode `first`."""
+        """Record the policy of the round that begins with episode `first`."""
         if self._has_density and first >= WEIGHED_FROM * self._budget:
             self._open[first] = policy
 
@@ -170,7 +169,7 @@ class PolicyProbability:
     def weigh(
         self, sums: WeightedFailures, results: Sequence[EpisodeResult], policy: Policy
     ) -> WeightedFailures:
-        """Return the sums with episodes of a policy; unchanged where its noise is held."""
+        """Return the sums with a policy's episodes added; unchanged if noise is held."""
         if not self._has_density:
             return sums
         ran = [result for result in results if is_usable(result)]
@@ -180,12 +179,12 @@ class PolicyProbability:
     def estimate_from_sums(
         self, sums: WeightedFailures, horizon: int, amplitude: float
     ) -> Estimate | None:
-        """Return the estimate from some sums; None without episodes.
+        """Return the estimate from given sums; None without episodes.
 
         Args:
             sums: sums of the weighted episodes.
             horizon: number of steps of a full episode.
-            amplitude: largest |z| of their policies. [sigma]
+            amplitude: largest |z| of the episodes' policies. [sigma]
         """
         note = f"{describe_reach(amplitude, horizon, self._channels)} {ONE_POLICY}"
         return sums.estimate(ADVICE, note) if sums.episodes else None
@@ -198,7 +197,7 @@ class PolicyProbability:
         return told or explain_nothing_counted(observed, self._budget)
 
     def encode_open(self) -> bytes:
-        """Return the policies of the rounds that run."""
+        """Return the encoded policies of the open rounds."""
         return _encoder.encode(self._open)
 
     def load(self, sums: WeightedFailures, policies: dict[int, Policy]) -> None:
@@ -216,7 +215,7 @@ def read_open_policies(data: bytes) -> dict[int, Policy]:
 
 
 def describe_reach(amplitude: float, horizon: int, channels: int) -> str:
-    """Describe the noise that the policy can choose, and its share in all noise."""
+    """Describe the noise that the policy can choose, and its share of all noise."""
     share = (2.0 * NormalDist().cdf(amplitude) - 1.0) ** (channels * horizon)
     return (
         f"A lower bound: it counts failures whose noise stays within ±{amplitude:g} sigma at every "

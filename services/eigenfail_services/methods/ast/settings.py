@@ -29,29 +29,29 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Settings of `ast`, by the paper's names.
 
     The defaults suit some hundred episodes of ten decisions. They were tuned on `rulebook` and
-    `cut_in`; what they give there on other seeds is in `docs/methods.md`. The reasons below are of
-    those trials, whose figures were not kept but for `gradient_steps`:
+    `cut_in`; `docs/methods.md` shows their results on other seeds. The reasons below come from the
+    tuning trials, whose figures were kept only for `gradient_steps`:
 
-    - `n_step`, `gamma`: nearly all that an episode earns comes at its end, and one-step returns
-      carry it back too slowly. Ten decisions are the whole episode at `hold` 10: target critics are
-      then never used, `tau` has no effect, and `gamma` discounts within the sum alone.
-      `buffer_size` has an effect once the buffer is full, after 1,000 episodes of ten decisions.
+    - `n_step`, `gamma`: an episode earns nearly its whole reward at its end, and one-step returns
+      carry it back too slowly. At `hold` 10, ten decisions are the whole episode. Then target
+      critics are never used, `tau` is without effect, and `gamma` discounts only within the sum.
+      `buffer_size` takes effect when the buffer is full, after 1,000 episodes of ten decisions.
     - `hold`: 10 steps outlast the misses after which a tracker gives up, and leave half as many
-      decisions to be learnt as 5.
-    - `amplitude`: at ±3 sigma noise that is held at random fails in most episodes; what a policy
-      reaches at ±2 it has learnt.
-    - `alpha`, `c_dist`: the log p of a failure in `cut_in` sums to about -300, in the paper's
-      training to about -4500, so a fifteenth of its alpha weighs about the same. The less, the
-      likelier the failures, and the worse they transfer to other scenarios.
-    - `target_entropy`: at -2 a few in a thousand episodes do not fail.
-    - `gradient_steps`: over twelve seeds of `cut_in` one step for each decision gave about as many
-      failures among 1000 as two steps, and likelier ones.
-    - `converged_share`: ending the training at less leaves a policy that fails less often.
-    - `averaged`: the last version may have lost a corner of the scenario that earlier ones had. The
-      default is 1, as a training that ends with 100 failures in a row has lost nothing if it was
-      trained.
-    - `patience`: without restarts a seed may find a few failures where another finds hundreds.
-    - `reward`: `dissimilarity` gives failures that differ more, somewhat fewer of them.
+      decisions to learn as 5 steps.
+    - `amplitude`: at ±3 sigma, randomly held noise fails in most episodes. Success at ±2 must be
+      learnt.
+    - `alpha`, `c_dist`: the log p of a failure sums to about -300 in `cut_in`, and to about -4500
+      in the paper's training. So a fifteenth of the paper's alpha has about the same weight.
+      Smaller values give likelier failures, which transfer worse to other scenarios.
+    - `target_entropy`: at -2, a few of a thousand episodes do not fail.
+    - `gradient_steps`: over twelve seeds of `cut_in`, one step per decision gave about as many
+      failures in 1000 episodes as two steps, and likelier ones.
+    - `converged_share`: a smaller share ends training with a policy that finds fewer failures.
+    - `averaged`: the last version may have lost a corner of the scenario that earlier versions had.
+      The default is 1, because a trained policy that ends its training with 100 failures in a row
+      has lost nothing.
+    - `patience`: without restarts, one seed may find a few failures and another seed hundreds.
+    - `reward`: `dissimilarity` gives more diverse but somewhat fewer failures.
 
     The paper's main runs used alpha 5000, c_dist 1000, tau 0.001, learning_rate 3e-4,
     batch_size 16, buffer_size 10,000.
@@ -150,7 +150,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     ] = "fast"
 
     def no_estimate(self) -> str:
-        """Return why there is no failure probability, and what to do; empty if there is one."""
+        """Return why the failure probability is missing, with a remedy; empty if it exists."""
         if self.hold == 1:
             return ""
         return (
@@ -159,7 +159,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         )
 
     def reach(self) -> str:
-        """Return the largest noise that a policy can choose, and how to go beyond it."""
+        """Return the largest noise that a policy can choose, and how to exceed it."""
         held = f", held for {self.hold} steps" if self.hold > 1 else ""
         most = f"{self.amplitude:g} sigma{held}{self._describe_widening()}"
         return (
@@ -168,7 +168,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         )
 
     def _describe_widening(self) -> str:
-        """Return how the amplitude grows in restarts, as a clause; empty if it does not."""
+        """Return a clause on the amplitude's growth in restarts; empty without growth."""
         if self.patience is None or self.largest_amplitude <= self.amplitude:
             return ""
         return (
@@ -181,10 +181,10 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)
 
     def check_entropy(self, channels: int) -> None:
-        """Check that an action of so many components can have the target entropy.
+        """Check that an action with one component per channel can reach the target entropy.
 
         Raises:
-            InvalidValue: it cannot.
+            InvalidValue: the target entropy is too large.
         """
         # Actions lie in [-1, 1]: the uniform distribution over an axis has ln 2, and none has more.
         most = channels * log(2.0)
@@ -205,13 +205,13 @@ TRAINERS = {
 
 
 class Trainer(Protocol):
-    """Trains on rollouts of workers; deterministic, given its seed and its transitions."""
+    """Trains on rollouts of workers; deterministic for a given seed and transitions."""
 
     def add(self, decisions: Decisions) -> None:
         """Add transitions to the replay buffer, which drops the oldest ones."""
 
     def train(self, steps: int, draw: int) -> None:
-        """Take gradient steps, with the randomness of draw number `draw`.
+        """Take gradient steps, with random numbers that depend on `draw`.
 
         Raises:
             LearnerDiverged: a weight became NaN or infinite.
@@ -221,7 +221,7 @@ class Trainer(Protocol):
         """Return the present actor as a policy."""
 
     def adopt(self, arrays: Arrays) -> None:
-        """Take over the networks and the entropy coefficient of another trainer of this kind.
+        """Copy the networks and the entropy coefficient from another trainer of this kind.
 
         Optimizers and replay buffer do not change.
 
@@ -230,7 +230,7 @@ class Trainer(Protocol):
         """
 
     def arrays(self) -> Arrays:
-        """Return the whole state, from which training goes on bit for bit."""
+        """Return the whole state, so that training can continue bit for bit."""
 
     def load(self, arrays: Arrays) -> None:
         """Restore the state.
@@ -241,7 +241,7 @@ class Trainer(Protocol):
 
 
 def make_trainer(settings: AstSettings, channels: int, seed: int) -> Trainer:
-    """Return the trainer that the settings name, with new networks.
+    """Return the trainer from the settings, with new networks.
 
     Args:
         settings: settings of the method.

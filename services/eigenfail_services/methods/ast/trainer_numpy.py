@@ -1,7 +1,7 @@
-"""Soft actor-critic (Haarnoja et al. 2018) in numpy: the same algorithm, many times as fast.
+"""Soft actor-critic (Haarnoja et al. 2018) in numpy: the same algorithm, but many times faster.
 
-The networks are so small that a framework spends nearly all of its time on bookkeeping. Here the
-twin critics are one batched product, and every optimizer is a few operations on one vector.
+The networks are so small that a framework spends nearly all its time on bookkeeping. Here the twin
+critics are one batched product, and each optimizer is a few operations on one vector.
 """
 
 from itertools import pairwise
@@ -31,7 +31,7 @@ class Network:
     Args:
         widths: widths of input, hidden layers and output.
         copies: shape of the batch of equal networks, () for a single one.
-        random: draws the initial weights, uniform within 1 / sqrt(inputs) like torch.
+        random: generator of the initial weights, uniform within ±1 / sqrt(inputs) like torch.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Network:
             bias[...] = random.uniform(-bound, bound, bias.shape)
 
     def forward(self, x: Floats) -> list[Floats]:
-        """Return the input of each layer, and last the output, shape (…, batch, outputs)."""
+        """Return the input of each layer, followed by the output, shape (…, batch, outputs)."""
         course = [x]
         for weight, bias in self.layers[:-1]:
             hidden = course[-1] @ weight.swapaxes(-1, -2)
@@ -65,12 +65,12 @@ class Network:
         return course
 
     def compute_input_gradient(self, course: list[Floats], slope: Floats) -> Floats:
-        """Return the gradient of the loss in the input; the weights do not change.
+        """Return the gradient of the loss with respect to the input, without changing weights.
 
         Args:
-            course: what `forward` returned.
-            slope: gradient in the output, shape (…, batch, outputs); the result has shape
-                (…, batch, inputs).
+            course: result of `forward`.
+            slope: gradient with respect to the output, shape (…, batch, outputs); the result has
+                shape (…, batch, inputs).
         """
         lowest: Floats = self._slopes(course, slope)[-1] @ self.layers[0][0]
         return lowest
@@ -79,8 +79,8 @@ class Network:
         """Take one step of Adam.
 
         Args:
-            course: what `forward` returned.
-            slope: gradient of the loss in the output, shape (…, batch, outputs).
+            course: result of `forward`.
+            slope: gradient of the loss with respect to the output, shape (…, batch, outputs).
             learning_rate: learning rate of the step.
         """
         slopes = self._slopes(course, slope)[::-1]
@@ -91,7 +91,7 @@ class Network:
         self._adam(learning_rate)
 
     def follow(self, leader: "Network", share: float) -> None:
-        """Move the weights towards those of another network by a share of the distance."""
+        """Move the weights towards another network's weights by a share of the distance."""
         self.weights += np.float32(share) * (leader.weights - self.weights)
 
     def arrays(self, prefix: str) -> dict[str, NDArray[np.generic]]:
@@ -118,7 +118,7 @@ class Network:
             own[...] = take(arrays, f"{prefix}.{name}", own.shape)
 
     def _slopes(self, course: list[Floats], slope: Floats) -> list[Floats]:
-        """Return the gradients in the sums of the layers, last layer first."""
+        """Return the gradients with respect to the layers' sums, last layer first."""
         slopes = [slope]
         for (weight, _), inputs in zip(self.layers[:0:-1], course[-2:0:-1], strict=True):
             below = slopes[-1] @ weight
@@ -218,7 +218,7 @@ class DrawnActions(NamedTuple):
 class FastTrainer:
     """Soft actor-critic with twin critics and an adaptive entropy coefficient.
 
-    It is deterministic, given its seed and its transitions.
+    It is deterministic for a given seed and transitions.
 
     Args:
         settings: settings of the method.
@@ -245,7 +245,7 @@ class FastTrainer:
         self.memory = TransitionBuffer(settings.buffer_size, states, channels)
 
     def add(self, decisions: Decisions) -> None:
-        """Keep transitions; the oldest ones make room."""
+        """Store transitions; the oldest ones are overwritten."""
         scaled = decisions.rewards * np.float32(REWARD_SCALE)
         self.memory.add(msgspec.structs.replace(decisions, rewards=scaled))
 
@@ -270,7 +270,7 @@ class FastTrainer:
             )
 
     def step(self, batch: Decisions, eps: Floats, next_eps: Floats) -> None:
-        """One gradient step of entropy coefficient, critics and actor, in this order.
+        """Take one gradient step of entropy coefficient, critics and actor, in this order.
 
         Args:
             batch: batch of transitions, their rewards scaled.
@@ -289,7 +289,7 @@ class FastTrainer:
         self.targets.follow(self.critics, self._settings.tau)
 
     def policy(self, version: int) -> Policy:
-        """The actor as it stands, as raw weights."""
+        """Return the present actor as raw weights."""
         *hidden, (weight, bias) = (
             (weight.copy(), bias.reshape(-1).copy()) for weight, bias in self.actor.layers
         )
@@ -303,7 +303,7 @@ class FastTrainer:
         )
 
     def adopt(self, arrays: Arrays) -> None:
-        """Take over the networks and the entropy coefficient of another trainer.
+        """Copy the networks and the entropy coefficient from another trainer.
 
         Raises:
             ValueError: an array is missing or has another shape.
@@ -361,7 +361,7 @@ class FastTrainer:
         self.entropy[:] = logarithm - change, mean, square, steps
 
     def _find_wanted(self, batch: Decisions, eps: Floats, coefficient: np.float32) -> Floats:
-        """Return what the critics are to say of the actions of a batch, shape (batch,)."""
+        """Return the target values of the critics for a batch, shape (batch,)."""
         if batch.ends.all():
             # Nothing comes later, as in all episodes of at most `n_step` decisions.
             return batch.rewards

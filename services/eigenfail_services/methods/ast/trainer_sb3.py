@@ -22,7 +22,7 @@ KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
 
 
 class SpaceHolder(gymnasium.Env[Array, Array]):
-    """An environment that gives SAC its shapes, and is never stepped."""
+    """Environment that gives SAC its shapes and is never stepped."""
 
     def __init__(self, states: int, actions: int) -> None:
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (states,), np.float32)
@@ -108,7 +108,7 @@ class SacTrainer:
         )
 
     def adopt(self, arrays: Arrays) -> None:
-        """Take over the networks and the entropy coefficient of another trainer.
+        """Copy the networks and the entropy coefficient from another trainer.
 
         Raises:
             ValueError: an array is missing or has another shape.

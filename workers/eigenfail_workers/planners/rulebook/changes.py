@@ -56,7 +56,7 @@ class ChangePlanner:
         self._limits = limits
 
     def plan_change(self, name: str, gap: values.Gap, start: values.PlanStart) -> values.Profile:
-        """Return a change that begins at the first knot from which on the gap fits."""
+        """Return a change that begins once the gap fits at a knot and at all later knots."""
         course = self._approach(gap.ahead, start, LOOK_KNOTS)
         short = self._find_missing(gap, course, 1.0)
         begins = len(course)

@@ -45,7 +45,7 @@ class ModeMachine:
         return Task(self._cruise_mps, self._settings.highway_acceleration_mps2)
 
     def arrive(self, ego: VehicleState) -> Task:
-        """Return the task of an arrival: the speed from which the truck can stop at the goal."""
+        """Return the task of an arrival: a speed that still allows a stop at the goal."""
         way_m = max(self._remaining_m(ego), 0.0)
         settings = self._settings
         braking = settings.arrival_deceleration_mps2

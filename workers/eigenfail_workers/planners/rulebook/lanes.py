@@ -132,7 +132,7 @@ class EndingLane:
         return values.Neighbour(self._ends_x_m - ego.x_m - 0.5 * ego.length_m, 0.0, 0.0)
 
     def is_left(self, ego: VehicleState) -> bool:
-        """Whether the truck is in the next lane."""
+        """Return whether the truck is in the next lane."""
         return ego.y_m > self._line_m
 
     def make_in_lane(self) -> InLane:
@@ -140,7 +140,11 @@ class EndingLane:
         return InLane(self.mission, self.candidates, self.limits)
 
     def can_turn_back(self, ego: VehicleState) -> bool:
-        """Whether its side has not crossed the line, and it can stop comfortably before the end."""
+        """Return whether the truck can still stay in its lane.
+
+        Its side must not have crossed the line, and it must be able to stop comfortably before the
+        end of the lane.
+        """
         margin_m = self.candidates.turning_room_m
         need = required_deceleration(self.find_end(ego).gap_m, ego.speed_mps, margin_m)
         is_inside = ego.y_m + 0.5 * ego.width_m < self._line_m

@@ -45,8 +45,8 @@ def make_solver(
     """Return the solver object of the extension for P (its upper triangle), A and (q, l, u).
 
     The public `solve()` copies every field of its report into a namespace, which takes longer than
-    solving; the object behind it does not. As it is private, only releases 1.1 are allowed, and a
-    test compares its answers with the public ones.
+    solving; the object behind it does not. Because the object is private, only releases 1.1 are
+    allowed, and a test compares its answers with the public ones.
 
     Raises:
         SolverError: P is not positive semidefinite.
@@ -138,7 +138,11 @@ class QuadraticProgram:
         return self._answer()
 
     def _is_finite(self, vector: Vector) -> bool:
-        """Whether all numbers are: their mean, in a fraction of the time, and without overflow."""
+        """Return whether all numbers are finite.
+
+        If their mean is finite, they are. The mean takes a fraction of the time and cannot
+        overflow.
+        """
         return isfinite(vector.dot(self._shares))
 
     def _answer(self) -> Solution:
@@ -149,7 +153,10 @@ class QuadraticProgram:
         return Solution(status, x) if self._is_finite(x) else self._fail(QpStatus.NOT_FINITE)
 
     def _fail(self, status: QpStatus) -> Solution:
-        """A failed run leaves an iterate from which a warm start may never recover."""
+        """Reset the solver, and return a solution with the status alone.
+
+        After a failed run, a warm start from the last iterate may never recover.
+        """
         self.reset()
         return Solution(status)
 

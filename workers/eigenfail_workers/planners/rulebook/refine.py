@@ -39,7 +39,7 @@ class Refiner:
         self._allocate(limits)
 
     def _allocate(self, limits: TruckLimits) -> None:
-        """Fill q, l, u with the values that never change, and make views of those that do."""
+        """Fill q, l, u with their constant values, and make views of the values that change."""
         knots, program = self._settings.knots, self._program
         linear, lower, upper = program.linear, program.lower, program.upper
         linear[knots] = self._settings.slack_price

@@ -83,7 +83,8 @@ def clearance(profile: values.Profile, context: values.RuleContext) -> float:
 def lane_end(profile: values.Profile, context: values.RuleContext) -> float:
     """Increase of the required deceleration before the end of the lane within a second. [m/s²]
 
-    For a lane change that begins now, the distance by which it would end beyond the lane. [m]
+    For a lane change that begins now, it is the distance that the change needs beyond the end of
+    the lane. [m]
     """
     end, settings = context.traffic.lane_end, context.settings
     if end is None:
@@ -124,7 +125,7 @@ def progress(profile: values.Profile, context: values.RuleContext) -> float:
 
 
 def _need_later(profile: values.Profile, other: values.Neighbour, margin_m: float) -> float:
-    """Required deceleration after the second knot, at unchanged speed of the other. [m/s²]"""
+    """Required deceleration after the second knot, if `other` keeps its speed. [m/s²]"""
     gap_m = other.gap_m + 2.0 * KNOT_S * other.speed_mps - profile.ways[1]
     return needed_deceleration(other, gap_m, profile.speeds[1], margin_m)
 

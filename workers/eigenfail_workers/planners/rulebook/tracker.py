@@ -121,7 +121,7 @@ class Track:
 
     @property
     def is_trusted(self) -> bool:
-        """Whether the planner may act on it."""
+        """True if the planner may act on the track."""
         return self.state in TRUSTED
 
 
@@ -130,7 +130,7 @@ class Tracker:
 
     Attributes:
         lost: number of trusted tracks that were deleted since the start of the episode.
-        losses: the same of each vehicle, by its number, if there were any.
+        losses: number of trusted tracks that each vehicle lost, by its number, if it lost any.
         lost_now: numbers of the vehicles whose trusted tracks the last update deleted.
     """
 

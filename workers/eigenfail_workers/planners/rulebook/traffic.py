@@ -69,7 +69,7 @@ def find_nearer(one: Neighbour, other: Neighbour | None) -> Neighbour:
 
 
 def required_deceleration(gap_m: float, closing_mps: float, margin_m: float) -> float:
-    """Constant deceleration that matches the other's speed at a gap of `margin_m`. [m/s²]
+    """Constant deceleration that ends the closing at a gap of `margin_m`. [m/s²]
 
     dv² / (2 · (gap − margin)); 0 while not closing.
     """
@@ -84,9 +84,9 @@ def required_deceleration(gap_m: float, closing_mps: float, margin_m: float) -> 
 def needed_deceleration(other: Neighbour, gap_m: float, speed_mps: float, margin_m: float) -> float:
     """Deceleration that keeps the margin behind a vehicle at a gap. [m/s²]
 
-    A vehicle that brakes is assumed to come to a stop: the truck must stop behind that point, too
-    (the longitudinal safe distance of Shalev-Shwartz et al., On a formal model of safe and scalable
-    self-driving cars, 2017, definition 1, with no response time).
+    A vehicle that brakes is assumed to come to a stop: the truck must stop behind that point, too.
+    This is the longitudinal safe distance of Shalev-Shwartz et al., On a formal model of safe and
+    scalable self-driving cars, 2017, definition 1, with no response time.
     """
     need = required_deceleration(gap_m, speed_mps - other.speed_mps, margin_m)
     if not other.is_braking:
@@ -107,7 +107,7 @@ Bounds = tuple[Tracks, Tracks]
 class GapFinder:
     """Finds the gaps of the lane with its centre at a lateral position.
 
-    Tracks that are not trusted yet count, too: a gap in which a vehicle may drive is not free.
+    Tracks that are not trusted yet count, too: a gap that may hold a vehicle is not free.
     """
 
     def __init__(
@@ -119,10 +119,10 @@ class GapFinder:
         self._youngest = settings.youngest_s / dt_s
 
     def find_gaps(self, tracks: Iterable[Track], ego: VehicleState) -> dict[str, Gap]:
-        """Return the gaps that may be entered, without those bounded by young tracks.
+        """Return the gaps that may be entered, without gaps bounded by young tracks.
 
-        With a vehicle beside or close behind: the gap ahead of it and the gap after it; otherwise
-        only the gap beside the truck.
+        If a vehicle is alongside or close behind, these are the gap ahead of it and the gap after
+        it. Otherwise, it is only the gap alongside the truck.
         """
         ahead, behind = self._split(tracks, ego)
         # Its centre is ahead, but its rear is not: it is beside the truck, and bounds both gaps.

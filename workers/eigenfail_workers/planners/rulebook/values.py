@@ -1,4 +1,4 @@
-"""What the parts of the planner `rulebook` hand to each other."""
+"""Values that the parts of the planner `rulebook` exchange."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -21,7 +21,7 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
         aside_m: distance between the two centre lines.
         speed_mps: along the road.
         is_braking: whether its brake lights are on.
-        number: number of the vehicle, as the sensor has it; 0 for what is not a vehicle.
+        number: the sensor's number of the vehicle; 0 if the neighbour is not a vehicle.
     """
 
     gap_m: float
@@ -35,7 +35,7 @@ class Gap(msgspec.Struct, frozen=True, gc=False):
     """Gap between two vehicles of the next lane; None if no vehicle bounds it.
 
     Attributes:
-        ahead: relative to the truck's front bumper; negative for a vehicle beside the truck.
+        ahead: relative to the truck's front bumper; negative for a vehicle alongside the truck.
         behind: relative to the truck's rear bumper.
     """
 
@@ -48,7 +48,7 @@ class Traffic(msgspec.Struct, frozen=True):
 
     Attributes:
         lead: the nearest vehicle in the truck's lane, or with the intent to enter it.
-        neighbour: the nearest other vehicle ahead beside the truck's lane.
+        neighbour: the nearest vehicle ahead next to the truck's lane, other than the lead.
         lane_end: the end of the truck's lane, as a standing vehicle.
         gaps: gaps of the next lane, by the name of the candidate that uses them.
     """
@@ -88,7 +88,7 @@ class LaneChange(msgspec.Struct, frozen=True):
     Attributes:
         begins: knot at which the change begins, 0 for now; None if the gap fits at no knot.
         short_ahead_m: length that the gap lacks ahead of the truck: the largest one after the
-            begin; without a begin, that at the last knot.
+            begin; without a begin, the length at the last knot.
         short_behind_m: length that the gap lacks behind the truck, likewise.
         over_m: way to the end of the change.
         hit_mps: speed at which the vehicle behind would run into the truck.
