@@ -9,7 +9,7 @@ from eigenfail.values.episode import PriorSource
 from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.diffusion.method import DiffusionSampling
 from eigenfail_searches.diffusion.model import ConditionalDiffusion
-from eigenfail_searches.diffusion.settings import DiffusionSettings, Examples, compute_excess
+from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise, compute_excess
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.functions import FunctionEngine
 
@@ -30,7 +30,7 @@ def make_model(**settings):
 def make_examples(z, condition=None, excess=None):
     count = len(z)
     nothing = np.zeros(count, np.float32)
-    return Examples(
+    return LabelledNoise(
         z=np.asarray(z, np.float32),
         unseen=np.zeros(z.shape[:2], bool),
         condition=nothing if condition is None else condition,

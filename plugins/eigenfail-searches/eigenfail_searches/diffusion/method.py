@@ -7,21 +7,17 @@ import msgspec
 import numpy as np
 
 from eigenfail.contracts import MethodTraits
-from eigenfail.plugins import load_class
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_searches.diffusion.settings import DiffusionSettings, Examples, compute_excess
+from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise, compute_excess
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.difs.settings import TrialMemory
-
-MODEL = "eigenfail_searches.diffusion.model:ConditionalDiffusion"
-"""Path instead of a class, so that torch is imported only when a learner is made."""
 
 SMALLEST_SCALE_M = 1e-3
 
 SMALLEST_ELITE = 20
-"""Trajectories that are trained on at least, the least robust ones."""
+"""Least number of trajectories in the elite: the least robust ones."""
 
 EXPLOITS = 2**32
 """First draw of `exploit`, so that exploitation does not change the draws of learning."""
@@ -52,11 +48,14 @@ class DiffusionSampling:
     lookahead = 0
 
     def __init__(self, context: LearnerContext, settings: DiffusionSettings) -> None:
+        # Here, so that torch is imported only when a learner is made.
+        from eigenfail_searches.diffusion.model import ConditionalDiffusion
+
         self._settings = settings
         self._seed = context.seed
         self._round_size = settings.size_round(context.episodes)
         shape = context.horizon, context.channels
-        self._model = load_class(MODEL)(settings, *shape, context.seed)
+        self._model = ConditionalDiffusion(settings, *shape, context.seed)
         self._trials = TrialMemory(*shape, settings.memory)
         self._facts = self._Facts()
 
@@ -145,7 +144,7 @@ class DiffusionSampling:
         samples = self._model.sample(conditions, excess, draw)
         return tuple(TrajectorySource(z) for z in samples)
 
-    def _make_examples(self) -> Examples:
+    def _make_examples(self) -> LabelledNoise:
         """Return all trajectories; the elite are those at or below the threshold.
 
         Failures have the condition 0, however far they lie beyond the border: that is what
@@ -154,10 +153,10 @@ class DiffusionSampling:
         trials, unseen = self._trials, self._trials.find_unseen()
         least = np.sort(trials.robustness)[:SMALLEST_ELITE].max(initial=-np.inf)
         limit = max(np.float32(self._facts.threshold_m or 0.0), least)
-        return Examples(
+        return LabelledNoise(
             z=trials.z,
             unseen=unseen,
-            condition=np.maximum(trials.robustness, 0.0) / np.float32(self._facts.scale_m),
+            condition=(np.maximum(trials.robustness, 0.0) / self._facts.scale_m).astype(np.float32),
             excess=compute_excess(trials.z, unseen),
             elite=np.flatnonzero(trials.robustness <= limit),
         )

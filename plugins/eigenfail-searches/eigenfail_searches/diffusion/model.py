@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from eigenfail.errors import LearnerDiverged
 from eigenfail.values.arrays import Floats
-from eigenfail_searches.diffusion.settings import DiffusionSettings, Examples
+from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays
 from eigenfail_services.methods.difs.model import (
@@ -90,8 +90,8 @@ class ConditionalDenoiser(nn.Module):
         return velocity.flatten(1)[:, : x.shape[1]]
 
 
-class Trajectories(NamedTuple):
-    """`Examples` as tensors: z of shape (n, horizon, channels), `unseen` of shape (n, horizon)."""
+class LabelledTensors(NamedTuple):
+    """`LabelledNoise` as tensors; z of shape (n, horizon, channels), `unseen` (n, horizon)."""
 
     z: Tensor
     unseen: Tensor
@@ -130,7 +130,7 @@ class ConditionalDiffusion:
         return bool(self._optimizer.state)
 
     @tensors.wrap_memory_errors()
-    def train(self, examples: Examples, draw: int) -> None:
+    def train(self, examples: LabelledNoise, draw: int) -> None:
         """Take gradient steps on batches of half elite, half any trajectories.
 
         With the elite alone, a network that learns from its own samples drifts away from p(x).
@@ -206,7 +206,7 @@ class ConditionalDiffusion:
         tensors.load_module("average", self._average, arrays)
         tensors.load_adam("optimizer", self._optimizer, arrays)
 
-    def _compute_loss(self, given: Trajectories, generator: torch.Generator) -> Tensor:
+    def _compute_loss(self, given: LabelledTensors, generator: torch.Generator) -> Tensor:
         """Draw, shift and diffuse trajectories; return the mean squared error of the velocity."""
         count, most = self._settings.batch_size, self._jitter
         best = given.elite[self._draw(len(given.elite), count // 2, generator)]
@@ -225,8 +225,8 @@ class ConditionalDiffusion:
     def _draw(self, among: int, count: int, generator: torch.Generator) -> Tensor:
         return torch.randint(among, (count,), generator=generator, device=self._device)
 
-    def _make_tensors(self, examples: Examples) -> Trajectories:
-        return Trajectories(
+    def _make_tensors(self, examples: LabelledNoise) -> LabelledTensors:
+        return LabelledTensors(
             self._make_tensor(examples.z),
             torch.from_numpy(examples.unseen).to(self._device),
             self._make_tensor(examples.condition),

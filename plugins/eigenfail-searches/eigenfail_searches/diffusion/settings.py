@@ -79,7 +79,7 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         return max(1, round(episodes / self.rounds))
 
 
-class Examples(msgspec.Struct, frozen=True, eq=False):
+class LabelledNoise(msgspec.Struct, frozen=True, eq=False):
     """Training data.
 
     Attributes:
