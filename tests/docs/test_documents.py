@@ -99,6 +99,9 @@ def test_the_code_map_names_each_folder(root):
     folders = [name.removesuffix("/*") for row in rows for name in re.findall(r"`([^`]+)`", row)]
     assert len(folders) >= 9
     assert [name for name in folders if not (root / name).is_dir()] == []
+    tops = {name.partition("/")[0] for name in folders}
+    listed = {path.name for path in root.iterdir() if path.is_dir()}
+    assert {"sdk", "services", "workers", "api", "deploy", "migrations", "tests"} <= tops & listed
 
 
 def test_the_changelog_keeps_its_form(changelog):

@@ -8,14 +8,17 @@ from typing import NamedTuple
 import msgspec
 from benchmarks.figures import Figure
 from benchmarks.learning_figures import each as spell_seeds
-from benchmarks.samples import COMMAND, share
+from benchmarks.samples import COMMAND
 
+from eigenfail import intervals
+from eigenfail.values.estimates import Interval
 from eigenfail_reproduction import page, seeds
 from eigenfail_reproduction.paper import (
     REPLAYED,
     PaperColumn,
     PaperNumber,
     PaperReproduction,
+    PaperRow,
     PaperTable,
 )
 
@@ -31,12 +34,12 @@ class SeedRuns(msgspec.Struct, frozen=True):
 
 
 def read(path: Path) -> tuple[PaperReproduction, ...]:
-    """What is kept."""
+    """Return the kept runs."""
     return msgspec.json.decode(path.read_bytes(), type=SeedRuns).found
 
 
 def write(runs: SeedRuns, path: Path) -> None:
-    """Replace what is kept."""
+    """Replace the kept runs."""
     path.write_bytes(msgspec.json.format(msgspec.json.encode(runs), indent=2) + b"\n")
 
 
@@ -71,7 +74,7 @@ class CellOverSeeds(NamedTuple):
     Attributes:
         claim: its name in documents.
         row: name of the campaign.
-        numbers: the number with each seed.
+        numbers: the number with each seed; without a value if a seed has none.
     """
 
     claim: str
@@ -80,33 +83,31 @@ class CellOverSeeds(NamedTuple):
     numbers: tuple[PaperNumber, ...]
 
     @property
-    def is_sample(self) -> bool:
-        """Whether the seeds are one sample of independent draws."""
-        share_of_draws = all(one.interval for one in self.numbers) and self.column.unit == "share"
-        return share_of_draws and self.row.startswith(SAMPLES)
+    def is_pooled(self) -> bool:
+        """Whether the seeds are counted together: draws of one distribution, or replays."""
+        return self.column.unit == REPLAYED or self.row.startswith(SAMPLES)
 
     def make_figure(self) -> Figure | None:
-        """The median with the smallest and the largest; None without a value.
+        """The median with the smallest and the largest, or a share of all seeds together.
 
-        The share of a sample, and that of replays, are of all seeds together.
+        Returns:
+            None if no seed has a value.
         """
         known = [one for one in self.numbers if one.value is not None]
         if not known:
             return None
-        paper, values = known[0].paper, [one.value or 0.0 for one in known]
-        if self.is_sample or self.column.unit == REPLAYED:
-            figure = share([draw for one in known for draw in spell_draws(one)])
-            ends = figure.interval if self.is_sample else None
-            return msgspec.structs.replace(
-                figure, unit=self.column.unit, interval=ends, paper=paper
-            )
+        if self.column.unit == REPLAYED:
+            return pool_replays(known)
+        if self.is_pooled and all(one.draws for one in known):
+            return pool_draws(known)
+        values = [one.value or 0.0 for one in known]
         return Figure(
             value=median(values),
             unit=self.column.unit,
-            n=max(one.n for one in known),
+            n=sum(one.n for one in known),
             spread=(min(values), max(values)),
             command=COMMAND,
-            paper=paper,
+            paper=known[0].paper,
             note=spell_seeds([one.value for one in self.numbers]),
         )
 
@@ -117,26 +118,46 @@ class CellOverSeeds(NamedTuple):
             return "–"
         number = PaperNumber(figure.value, figure.n, find_interval(figure))
         text = f"{page.format_our_number(self.column, number)}<!-- claim {self.claim} -->"
-        if figure.spread is None:
-            return text
-        low, high = (
-            page.format_our_number(self.column, PaperNumber(end, figure.n)).removesuffix(" %")
-            for end in figure.spread
-        )
         known = sum(one.value is not None for one in self.numbers)
-        of = "" if known == len(self.numbers) else f", {known} seeds"
-        return f"{text} ({low} to {high}{of})" if low != high or of else text
+        parts = [] if known == len(self.numbers) else [f"{known} of {len(self.numbers)} seeds"]
+        if figure.spread and figure.spread[0] != figure.spread[1]:
+            low, high = (
+                page.format_our_number(self.column, PaperNumber(end, figure.n)).removesuffix(" %")
+                for end in figure.spread
+            )
+            parts.insert(0, f"{low} to {high}")
+        return f"{text} ({', '.join(parts)})" if parts else text
 
 
-def find_interval(figure: Figure) -> page.Interval | None:
+def pool_draws(rates: Sequence[PaperNumber]) -> Figure:
+    """The share of all draws, with its interval; doubtful draws count in the upper end."""
+    draws = [rate.draws for rate in rates if rate.draws is not None]
+    k, trials = sum(one.k for one in draws), sum(one.trials for one in draws)
+    ends = intervals.find_interval(k, trials, sum(one.doubtful for one in draws))
+    n = sum(rate.n for rate in rates)
+    return Figure(
+        value=k / n,
+        unit="share",
+        n=n,
+        interval=(ends.low, ends.high),
+        command=COMMAND,
+        paper=rates[0].paper,
+        note=f"draws of {len(rates)} seeds",
+    )
+
+
+def pool_replays(shares: Sequence[PaperNumber]) -> Figure:
+    """The share of all replays that failed: a count, without an interval."""
+    n = sum(one.n for one in shares)
+    k = sum(round((one.value or 0.0) * one.n) for one in shares)
+    note = f"replays of {len(shares)} seeds"
+    paper = shares[0].paper
+    return Figure(value=k / n, unit=REPLAYED, n=n, command=COMMAND, paper=paper, note=note)
+
+
+def find_interval(figure: Figure) -> Interval | None:
     """The interval of a figure."""
-    return page.Interval(*figure.interval) if figure.interval else None
-
-
-def spell_draws(rate: PaperNumber) -> list[bool]:
-    """Whether each of the draws behind a rate failed, in any order."""
-    failures = round((rate.value or 0.0) * rate.n)
-    return [True] * failures + [False] * (rate.n - failures)
+    return Interval(*figure.interval) if figure.interval else None
 
 
 def list_cells(found: Sequence[PaperReproduction], table: PaperTable) -> Iterator[CellOverSeeds]:
@@ -145,26 +166,33 @@ def list_cells(found: Sequence[PaperReproduction], table: PaperTable) -> Iterato
     for row in table.rows:
         others = [find_numbers(one, table.name, row.name) for one in found]
         for column in table.columns:
-            numbers = tuple(one[column.name] for one in others if one)
+            numbers = tuple(one.get(column.name, PaperNumber(None, 0)) for one in others)
             name = page.claim_name(prefix, table, row, column)
             yield CellOverSeeds(name, row.name, column, numbers)
 
 
 def find_numbers(found: PaperReproduction, name: str, row: str) -> Mapping[str, PaperNumber]:
     """The numbers of a row, by the name of their column; nothing without that row."""
-    table: PaperTable = next(one for one in found.tables if one.name == name)
-    numbers = next((one.numbers for one in table.rows if one.name == row), None)
-    columns = table.columns if numbers else ()
-    return {column.name: one for column, one in zip(columns, numbers or (), strict=True)}
+    for table in found.tables:
+        for each in table.rows:
+            if (table.name, each.name) == (name, row):
+                pairs = zip(table.columns, each.numbers, strict=True)
+                return {column.name: number for column, number in pairs}
+    return {}
 
 
-def list_tables(found: Sequence[PaperReproduction]) -> Iterator[PaperTable]:
-    """Each table, with all rows that any seed has."""
-    for table in found[0].tables:
-        alike = [next(one for one in each.tables if one.name == table.name) for each in found]
-        rows = {row.name: row for each in reversed(alike) for row in each.rows}
-        names = dict.fromkeys(row.name for each in alike for row in each.rows)
-        yield msgspec.structs.replace(table, rows=tuple(rows[name] for name in names))
+def list_tables(found: Sequence[PaperReproduction]) -> list[PaperTable]:
+    """Each table that any seed has, with all rows of any seed, in the order of the first ones."""
+    tables: dict[str, PaperTable] = {}
+    rows: dict[str, dict[str, PaperRow]] = {}
+    for table in (table for one in found for table in one.tables if table.rows):
+        tables.setdefault(table.name, table)
+        for row in table.rows:
+            rows.setdefault(table.name, {}).setdefault(row.name, row)
+    return [
+        msgspec.structs.replace(table, rows=tuple(rows[name].values()))
+        for name, table in tables.items()
+    ]
 
 
 def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
@@ -176,39 +204,47 @@ def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figu
                 yield cell.claim, figure
 
 
-def format_tables(found: Sequence[PaperReproduction], notes: Mapping[str, str]) -> Iterator[str]:
-    """Each table in Markdown, with its caption and what is noted of it."""
+def format_tables(found: Sequence[PaperReproduction], captions: Mapping[str, str]) -> Iterator[str]:
+    """Each table in Markdown, with its caption by its name."""
     for table in list_tables(found):
         yield f"## {table.title}\n"
-        yield f"{table.note} {notes.get(table.name, '')}".rstrip() + "\n"
+        yield captions[table.name]
         yield from format_grid(found, table)
         yield ""
 
 
 def format_grid(found: Sequence[PaperReproduction], table: PaperTable) -> Iterator[str]:
-    """A table with the number of episodes or failures of one seed, and the paper's numbers."""
+    """A table, with a column for the paper's numbers where it gives them."""
     grid: dict[str, list[CellOverSeeds]] = {}
     for cell in list_cells(found, table):
         grid.setdefault(cell.row, []).append(cell)
     columns = [*zip(*grid.values(), strict=True)]
-    beside = [any(one.numbers[0].paper is not None for one in column) for column in columns]
-    heads = [
-        f" {page.format_heading(column)} |{has * ' paper |'}"
-        for column, has in zip(table.columns, beside, strict=True)
-    ]
-    yield f"| |{''.join(heads)}"
+    beside = [any(find_paper(one) is not None for one in column) for column in columns]
+    heads = ["", *(page.format_heading(column) for column in table.columns)]
+    yield format_line(heads, ["paper"] * len(beside), beside)
     yield f"|---|{'--:|' * (len(beside) + sum(beside))}"
     for row, cells in grid.items():
-        printed = (
-            f" {one.format()} |{has * f' {format_paper(one)} |'}"
-            for one, has in zip(cells, beside, strict=True)
-        )
-        yield f"| {row} |{''.join(printed)}"
+        printed = [row, *(one.format() for one in cells)]
+        yield format_line(printed, [format_paper(one) for one in cells], beside)
+
+
+def format_line(cells: Sequence[str], papers: Sequence[str], beside: Sequence[bool]) -> str:
+    """A line of a table: each cell but the first is followed by the paper's, if there is one."""
+    first, *others = cells
+    line = [first]
+    for cell, paper, has in zip(others, papers, beside, strict=True):
+        line += [cell, paper] if has else [cell]
+    return f"| {' | '.join(line)} |"
+
+
+def find_paper(cell: CellOverSeeds) -> float | None:
+    """The paper's number of a cell."""
+    return next((one.paper for one in cell.numbers if one.paper is not None), None)
 
 
 def format_paper(cell: CellOverSeeds) -> str:
     """The paper's number, or a dash."""
-    return page.format_printed(cell.column, cell.numbers[0].paper)
+    return page.format_printed(cell.column, find_paper(cell))
 
 
 OF_VERDICTS = """\

@@ -5,7 +5,7 @@ that are kept.
 """
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -87,13 +87,15 @@ def run_seeds(each: Sequence[int], scale: str = "full") -> Runs:
         Client(service.address.url) as client,
     ):
         suites = [build_suite(scale, seed) for seed in each]
-        found = tuple(run_suite(client, suite, scale) for suite in suites)
+        found = tuple(run_suite(client, suite, scale, service.check) for suite in suites)
         return Runs(found, dict(draw_pictures(client, suites[0])))
 
 
-def run_suite(client: Client, suite: Suite, scale: str) -> PaperReproduction:
-    """Run the campaigns of one seed, and build their tables."""
-    client.suites.run(suite, on_progress=lambda _: None)
+def run_suite(
+    client: Client, suite: Suite, scale: str, check: Callable[[], None]
+) -> PaperReproduction:
+    """Run the campaigns of one seed while the service lives, and build their tables."""
+    client.suites.run(suite, on_progress=lambda _: check())
     print(f"{suite.name}, seed {suite.members[0].spec.seed}: campaigns are done", flush=True)
     return build_reproduction(client, suite, scale)
 
@@ -102,7 +104,8 @@ def draw_pictures(client: Client, suite: Suite) -> Iterator[tuple[str, bytes]]:
     """Pictures of a report, for which the service needs the plug-in that makes reports."""
     campaigns = zip(suite.members, client.suites.find(suite), strict=True)
     ids = {member.name: campaign.id for member, campaign in campaigns if campaign}
-    for name in (LEARNT, OTHER):
+    # The default analysis is the newest one of each, which the report draws.
+    for name in (LEARNT, SHOWN, OTHER):
         client.analyses.wait(client.analyses.create(ids[name]).id)
     files = fetch_report(client, [ids[name] for name in (LEARNT, SHOWN, OTHER)])
     for name, (of, _) in PICTURES.items():
@@ -136,19 +139,22 @@ def list_sweep(found: PaperReproduction) -> list[str]:
 
 def has_effect(row: str, found: Sequence[PaperReproduction]) -> bool:
     """Whether a campaign of the sweep has other failures than the base with each seed."""
-    return all(
-        over_seeds.find_numbers(one, "sweep", row) != over_seeds.find_numbers(one, "sweep", BASE)
-        for one in found
-    )
+    return all(list_values(one, row) not in ({}, list_values(one, BASE)) for one in found)
+
+
+def list_values(found: PaperReproduction, row: str) -> Mapping[str, float | None]:
+    """The numbers of a campaign of the sweep; none if it was not run."""
+    numbers = over_seeds.find_numbers(found, "sweep", row)
+    return {name: number.value for name, number in numbers.items()}
 
 
 def read(path: Path = FILE) -> tuple[PaperReproduction, ...]:
-    """What is kept."""
+    """Return the kept runs."""
     return over_seeds.read(path)
 
 
 def write(runs: Runs, path: Path = FILE) -> None:
-    """Replace what is kept, and the pictures beside it."""
+    """Replace the kept runs, and the pictures in a folder next to them."""
     over_seeds.write(over_seeds.SeedRuns(runs.found), path)
     folder = path.with_name(FOLDER)
     folder.mkdir(exist_ok=True)
@@ -187,8 +193,81 @@ value of their entry.
 RULES = """The numbers are for seed {seed}.
 """
 
-NOTES: Mapping[str, str] = {}
-"""What is said of the kept runs, behind the captions of the program."""
+DRAWN = """\
+Draws of `monte_carlo` and `held` are counted over all seeds, with Wilson's 95 % interval in
+square brackets; if none failed, ≤ is an exact one-sided bound (95 %). Ends and bounds are rounded
+outwards. Upper ends count draws that may have failed: errored and unresolved ones.
+"""
+SEARCHED = """\
+Episodes of a search depend on earlier ones, so their rates have no interval and are not rates
+under p(x).
+"""
+MEANS = """\
+Log p is the natural logarithm of the density of the errors [m], summed over the steps of an
+episode. Severity is the squared relative speed at the collision. Both are means over the failures
+of a campaign. Log p per step is the sum over its failures, divided by their steps.
+"""
+COST = """\
+Instance-hours are the time for which a campaign was active, with four campaigns side by side on
+two processor cores, which also ran other programs. Cost is their price at 1.20 USD per hour,
+divided by the failures; an earlier training is not included. The paper's cost is for a GPU
+instance at the same price.
+"""
+CAPTIONS: Mapping[str, str] = {
+    "planners": f"""\
+2,000 episodes of Monte Carlo with each planner and seed. {DRAWN}The paper's numbers are for its
+own planner and its IDM.
+""",
+    "sweep": f"""\
+Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005,
+learning_rate 3e-4, batch_size 64, buffer_size 100,000 and four gradient steps for each decision.
+A campaign has 300 episodes. Rows name the paper's buffer sizes. Buffers here hold a fiftieth of
+these decisions, because an action lasts 50 steps. The paper's buffer_size of 1,000,000 was not
+run. {SEARCHED}{MEANS}The paper's numbers are for 300 episodes with its own planner and simulator.
+""",
+    "training": f"""\
+Trainings of 1,000 episodes. {SEARCHED}{MEANS}{COST}The paper's numbers are for 1,000 episodes
+with its own planner, simulator and settings.
+""",
+    "evaluation": f"""\
+2,000 draws from p(x) (`monte_carlo`), 2,000 draws from p(x) with each draw held for a second
+(`held`), and 300 draws from the searcher that each training left, which learns nothing more.
+{DRAWN}{MEANS}{COST}The paper's numbers are for 2,000 episodes of Monte Carlo and 300 of each
+other row, with its own planner, simulator and settings.
+""",
+    "generalisation": """\
+AST was trained with a cut-in at distance_m 58, and is evaluated there (300 draws), 5 m further
+away (`plus5`) and 5 m nearer (`minus5`, 100 draws each). Severity is the squared relative speed
+at the collision, the mean over the failures. The paper's numbers are for as many episodes with
+its own planner and simulator.
+""",
+    "safety": """\
+The share of the 300 episodes of an evaluation with a collision, with a MinTTC below 1.5 s, and
+with a DRAC above 7 m/s². MinTTC is the smallest value of gap ÷ closing speed; DRAC is the largest
+value of closing speed² ÷ (2 · gap). Median and worst of a seed are over its episodes in which the
+truck ever closed in. An episode with a collision counts up to the last step before the contact.
+The paper has such counts for 300 episodes of DiFS alone.
+""",
+    "components": """\
+Analyses of the failures of an evaluation by the noise of one axis (in sigma), aligned at the
+collision; other settings are defaults. Variance is the share that the first three principal
+components explain. Modes are groups of K-means; their number has the largest silhouette
+(Rousseeuw 1987). They are distinct if the silhouette exceeds the largest of 19 draws of data
+without groups, and if the median adjusted Rand index (Hubert and Arabie 1985) between the modes
+and modes of failures drawn again is high enough; otherwise one mode is counted. The paper's
+numbers are for 300 failures of its AST. It does not say which axis has three modes, nor how its
+failures are aligned.
+""",
+    "eigenfailures": """\
+Replays that collided, of all replays of all seeds in the named scenario (*the same* has
+distance_m 58): one eigenfailure and one medoid for each group of the failures of an evaluation.
+Groups are by the noise of both axes, aligned at the start, and need not be distinct modes. The
+eigenfailure is the noise at the mean of the group's scores on the first three principal
+components; the medoid is the noise of the failure whose scores are nearest to this mean. A replay
+always has the same result, so these are counts.
+""",
+}
+"""Captions of the tables, by their names."""
 
 
 def format_page(found: Sequence[PaperReproduction]) -> str:
@@ -204,7 +283,7 @@ def format_page(found: Sequence[PaperReproduction]) -> str:
     )
     parts = (
         opening + page.READING + page.SETTINGS["cut_in"],
-        *over_seeds.format_tables(found, NOTES),
+        *over_seeds.format_tables(found, CAPTIONS),
         "## Verdicts over the seeds\n",
         VERDICTS,
         over_seeds.OF_VERDICTS,
@@ -223,9 +302,9 @@ def format_page(found: Sequence[PaperReproduction]) -> str:
 VERDICTS = """\
 Each seed judges a statement, as the column *holds if* of the next table says. A statement *cannot
 be asked* unless more than half of the seeds have the data, such as ten failures to compare. It
-*holds* if it holds in more than half of the seeds that judged it; otherwise it *does not hold*. A
-seed is *undecided* if an interval includes no difference. If undecided seeds are at least as many
-as refuting seeds, the verdict is *not shown*.
+*holds* if it holds in more than half of all seeds; otherwise it *does not hold*. A seed is
+*undecided* if an interval includes no difference, or if choices that the paper leaves open give
+different answers. A verdict is *not shown* if at least as many seeds are undecided as give it.
 """
 
 REASONS: Mapping[tuple[str, str], str] = {}
@@ -235,7 +314,6 @@ REASONS: Mapping[tuple[str, str], str] = {}
 TRIALS = (((*PREFIXES, "cut_in.eigenfailures."), find),)
 TARGETS = {
     "cut_in.eigenfailures.reproduced": Target(low=1.0, paper=1.0),
-    "paper.asked": Target(low=24.0),
     "paper.sweep_rows_acting": Target(low=14.0),
 }
 

@@ -45,7 +45,7 @@ OF_SWEEP = (
 SMALLER_BUFFERS = (
     f"{OF_SWEEP} Rows name the paper's buffer sizes. Buffers here hold a fiftieth of these "
     "decisions, because an action lasts 50 steps: as many episodes as the paper's buffers hold "
-    "with an action in each step."
+    "with an action in each step. The paper's buffer_size of 1,000,000 was not run."
 )
 WHOLE_BUFFERS = (
     f"{OF_SWEEP} Its other settings are our defaults. The paper's buffer_size of 1,000,000 would "

@@ -11,6 +11,20 @@ REPLAYED = "share of replays"
 """Unit of shares of a few replays of chosen noise: no random sample, so without an interval."""
 
 
+class DrawCounts(msgspec.Struct, frozen=True):
+    """Counts of independent draws.
+
+    Attributes:
+        k: number of draws that are known to be events.
+        trials: number of all draws.
+        doubtful: number of further draws that may be events: they errored, or were cut short.
+    """
+
+    k: int
+    trials: int
+    doubtful: int
+
+
 class PaperNumber(msgspec.Struct, frozen=True):
     """One of our numbers, with the paper's.
 
@@ -18,12 +32,14 @@ class PaperNumber(msgspec.Struct, frozen=True):
         value: None if undefined, such as the severity of no failures.
         n: number of episodes or failures behind it.
         paper: the paper's number; None if the paper gives none.
+        draws: counts behind the share of independent draws; None for other numbers.
     """
 
     value: float | None
     n: int
     interval: Interval | None = None
     paper: float | None = None
+    draws: DrawCounts | None = None
 
 
 class PaperRow(msgspec.Struct, frozen=True):

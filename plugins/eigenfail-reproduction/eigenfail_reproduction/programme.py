@@ -42,8 +42,7 @@ SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
         "buffer_size": (10_000,),
     }
 )
-"""Each varied alone. The paper's buffer of 1,000,000 would give the episodes of the base: 300
-episodes have fewer decisions than fit into 100,000."""
+"""Each varied alone, except for the paper's buffer of 1,000,000, which is left out."""
 
 CHOSEN: Mapping[str, Any] = MappingProxyType(
     {

@@ -36,6 +36,7 @@ from eigenfail_reproduction.paper import (
     SAFETY_EPISODES,
     SWEEP,
     TRAINING,
+    DrawCounts,
     Numbers,
     PaperColumn,
     PaperNumber,
@@ -63,7 +64,8 @@ def _read_draws(of: Summary) -> PaperNumber:
 def _count_draws(rate: Rate | None, paper: float | None = None) -> PaperNumber:
     if rate is None:
         return PaperNumber(None, 0, paper=paper)
-    return PaperNumber(rate.value, rate.n, bound_rate(rate), paper)
+    draws = DrawCounts(rate.k, rate.trials, rate.errored + rate.unresolved)
+    return PaperNumber(rate.value, rate.n, bound_rate(rate), paper, draws)
 
 
 def _read_mean(value: Callable[[Summary], float | None]) -> Read:

@@ -26,13 +26,13 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.requirements import MeasureLimit
 
 STEPS, PUSH = 100, 10
-"""Of an episode of a function, and of a push."""
+"""Number of steps of an episode of a function, and of a push."""
 
 WINDOWS = (1, 3, 5, 7)
-"""Of ten windows that follow each other, those in which a push fails."""
+"""Numbers of the windows in which a push fails, of ten successive windows."""
 
 REACH_OF_WINDOWS, REACH_OF_ANY_TIME = 4.0, 5.0
-"""Sum of a push that fails, in its standard deviations: P is 1.2e-4 and about 3e-5."""
+"""Sum of a push that fails, in its standard deviations: P is 1.3e-4 and about 3e-5."""
 
 
 def sum_windows(z: Noise) -> Noise:
@@ -99,19 +99,31 @@ SCENARIOS: Mapping[str, Mapping[str, Any]] = {
 MODELS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "network": ("diffusion", {}),
     "mixture": ("difs", {"first_steps": 0, "steps": 0}),
+    "difs": ("difs", {}),
 }
+"""The network alone, the mixture alone (of at most four normals), and both."""
+
 CALLS, EPISODES, SAMPLED, SEEDS = 5000, 1000, 300, 5
 UNSEEN = 500
 """Added to the seed: the settings were chosen with other seeds."""
 
 
 class Samples(NamedTuple):
-    """Failures of a campaign, and of the samples after it: mean z² (None without any), regions."""
+    """Failures of a campaign, and of the samples after it.
+
+    Attributes:
+        found: failures of the campaign.
+        failures: failures among the samples.
+        mean_square_z: their mean z²; None without failures.
+        regions: number of regions with a failure; None in a scenario.
+        effective: 1 ÷ the sum of the squared shares of the regions; None in a scenario.
+    """
 
     found: int
     failures: int
     mean_square_z: float | None
     regions: int | None = None
+    effective: float | None = None
 
 
 def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
@@ -139,6 +151,8 @@ def describe(prefix: str, place: str, runs: list[Samples]) -> Iterator[tuple[str
     yield f"{prefix}.mean_square_z", of_seeds(squares, "sigma²", SAMPLED)
     if place in FUNCTIONS:
         yield f"{prefix}.regions", of_seeds([run.regions for run in runs], "regions", SAMPLED)
+        effective = [run.effective for run in runs]
+        yield f"{prefix}.effective_regions", of_seeds(effective, "regions", SAMPLED)
 
 
 def sample_place(place: str, model: str, seed: int) -> Samples:
@@ -165,9 +179,12 @@ def sample_function(spec: CampaignSpec) -> Samples:
     learner.restore(run.state)
     z = np.stack([one.z for one in learner.exploit(SAMPLED).sources]).astype(np.float64)
     failed = z[np.asarray(function.problem.robustness(z)) <= 0.0]
-    regions = len(np.unique(function.find_region(failed))) if len(failed) else 0
-    squares = float(np.mean(failed**2)) if len(failed) else None
-    return Samples(sum(run.crashed), len(failed), squares, regions)
+    if not len(failed):
+        return Samples(sum(run.crashed), 0, None, 0, 0.0)
+    counts = np.unique(function.find_region(failed), return_counts=True)[1]
+    effective = float(1.0 / np.sum((counts / counts.sum()) ** 2))
+    squares = float(np.mean(failed**2))
+    return Samples(sum(run.crashed), len(failed), squares, len(counts), effective)
 
 
 def sample_scenario(spec: CampaignSpec) -> Samples:

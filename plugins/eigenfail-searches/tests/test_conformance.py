@@ -106,7 +106,7 @@ def test_no_method_has_the_place_of_another_in_charts():
 
 ON_ODD_PROBLEMS = {
     "annealing": {"hold": 2},
-    "diffusion": {"first_steps": 20, "steps": 10, "width": 16},
+    "diffusion": {"first_steps": 20, "steps": 10, "width": 16, "device": "cpu"},
     "optuna": {"hold": 2},
 }
 

@@ -69,7 +69,7 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         version: version of the planners under test.
         run: the name of this run, which later gates can take as their baseline.
         baseline: the baseline as the user named it; empty if this run makes one.
-        strict: whether failures of the baseline close the gate, too.
+        strict: whether failures that are still failing or unproven close the gate, too.
         by: basis for the verdict on campaigns under the same noise.
         file: file of the suite, as the command named it; empty if not known.
     """

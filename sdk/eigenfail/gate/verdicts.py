@@ -132,12 +132,12 @@ def judge_doubtful(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int,
 def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -> GateVerdict:
     """Return the verdict on the failures of a campaign whose noise depends on its planner.
 
-    New if there are failures now and the baseline found none, or if the share of failures rose
-    enough: Newcombe's 95 % interval of the difference lies above 0. That is beyond chance if both
-    campaigns drew from p(x), and beyond a threshold of the gate if a search chose the episodes.
-    If both campaigns estimate the failure probability with a 95 % interval, these two intervals
-    decide instead: new if the interval now lies above the baseline's. An estimate that is only a
-    lower bound of the probability is without an interval, and decides nothing.
+    New if the baseline found none and there are failures now, however few. Also new if the share of
+    failures rose enough: Newcombe's 95 % interval of the difference lies above 0. That is beyond
+    chance if both campaigns drew from p(x), and beyond a threshold of the gate if a search chose
+    the episodes. If both campaigns estimate the failure probability with a 95 % interval, these two
+    intervals replace Newcombe's: new if the interval now lies above the baseline's. An estimate
+    that is only a lower bound of the probability is without an interval, and decides nothing.
 
     Fixed if the failures fell as far. Safe if they did not, but the new planner never fails. Cannot
     be run if episodes errored that the baseline completed. Otherwise still failing.

@@ -67,10 +67,10 @@ class Overhead(msgspec.Struct, frozen=True):
     """Time that a campaign spent outside simulation, as the hub measured it.
 
     Attributes:
-        learning_s: time of the learner's work, its start included, while all workers were without
-            an episode.
-        waiting_s: time when neither worked: the campaign waited for workers or for the
-            database.
+        learning_s: time of the learner's work, its start included, while no worker held an episode
+            of the campaign.
+        waiting_s: time while no worker held an episode of the campaign and the learner did not
+            work: the campaign waited for workers or for the database.
         discarded_s: worker time in discarded results: second results of an episode, and results
             that the store did not accept.
     """

@@ -244,7 +244,8 @@ POSITION = DisturbanceModel().list_channels()
 class Conversion:
     """Converter between z and injected errors of one episode, step by step from its start.
 
-    If another vehicle becomes the nearest one, the noise of its channels continues.
+    On a road, if another vehicle becomes the nearest one, the noise of the nearest vehicle's
+    channels continues.
     """
 
     def __init__(self, shape: NoiseShape) -> None:

@@ -120,7 +120,7 @@ def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int
     Args:
         parallel: number of episodes to run at a time; None if the campaign does not set it.
         round_size: number of episodes in a round.
-        least: number of rounds that the method keeps open by default.
+        least: number of rounds besides the oldest one that the method keeps open by default.
     """
     wanted = ceil(IN_FLIGHT * parallel / round_size) - 1 if parallel else 0
     return max(least, wanted)

@@ -21,8 +21,8 @@ class ConflictClass(StrEnum):
 
     `unavoidable`: a collision that peak braking could not avoid once MinTTC was violated, or
     without such a violation before the contact. `planner_failure`: any other collision, which was
-    not shown to be unavoidable. `near_miss`: MinTTC < 1.5 s without a collision. `none`: anything
-    else.
+    not shown to be unavoidable. `near_miss`: MinTTC < 1.5 s without a collision. `none`: neither
+    a collision nor a near miss.
     """
 
     UNAVOIDABLE = "unavoidable"

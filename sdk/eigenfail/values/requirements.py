@@ -209,9 +209,9 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
     Attributes:
         hard_mps2: braking by this or more is hard; the measure `hard_brakings` counts braking above
             3 m/s².
-        cause_ttc_s: largest time to collision of a cause; own choice, far above the 1.5 s of a near
-            miss.
-        cause_headway_s: largest headway of a cause; own choice.
+        cause_ttc_s: time to collision below which a vehicle is a cause; own choice, far above the
+            1.5 s of a near miss.
+        cause_headway_s: headway below which a vehicle is a cause; own choice.
         memory_s: time for which a planner may go on braking once the cause is gone; own choice.
     """
 

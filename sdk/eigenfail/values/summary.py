@@ -311,9 +311,10 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
             not learn: it started, or proposed noise. 0 for a method that learns.
         learning_s: time of the learner's work without an episode at a worker, for a method that
             learns, its start included.
-        waiting_s: time when neither worked: the campaign waited for workers or for the database.
-        lost_s: share of the time with episodes at workers that was spent on discarded results. The
-            share is `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
+        waiting_s: time while no worker held an episode of the campaign and the learner did not
+            work: the campaign waited for workers or for the database.
+        lost_s: part of the time with episodes at workers that counts as lost: this time ×
+            `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
         worker_s: worker time in completed episodes, summed over all workers.
         lost_worker_s: worker time in errored episodes, in second results of an episode, and in
             results that the store did not accept.

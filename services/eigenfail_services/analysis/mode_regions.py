@@ -120,7 +120,8 @@ def separate_failures(
     """Return the separate groups of a release's failures, the largest first.
 
     An analysis has as many modes as its silhouette prefers. It often divides a single mode. If one
-    mode is far from the rest, it often joins the rest. So modes are split and merged here.
+    mode is far from the others, the analysis often merges the others into one mode. So modes are
+    split and merged here.
 
     Args:
         clouds: points of each mode of the release.

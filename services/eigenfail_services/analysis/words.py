@@ -262,7 +262,7 @@ MOST_RULES = 2
 def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
     """Return the planner's own account of an episode in a sentence; empty without content.
 
-    If the episode also fails without noise, the sentence begins with this fact.
+    If the episode fails in the same way without noise, the sentence begins with this fact.
 
     `ExplainingPlanner` defines the names that are read from the account.
     """

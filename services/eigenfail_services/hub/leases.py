@@ -305,7 +305,7 @@ class Leases:
         self.end_session(worker)
 
     def expire_disconnected(self, now_s: float) -> None:
-        """Suspect the episodes of disconnected workers that did not come back in time."""
+        """Suspect the running episode of each disconnected worker that did not return in time."""
         for key, task, _ in self._interrupted.pop_overdue(now_s):
             if self._queue.needs_result(*key):
                 self._interrupted.add(key, task)

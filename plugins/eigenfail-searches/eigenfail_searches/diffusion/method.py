@@ -10,8 +10,14 @@ from eigenfail.contracts import MethodTraits
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise, compute_excess
+from eigenfail_searches.diffusion.settings import (
+    LARGEST_CONDITION,
+    DiffusionSettings,
+    LabelledNoise,
+    compute_excess,
+)
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.batch_learner import limit_round
 from eigenfail_services.methods.difs.settings import TrialMemory
 
 SMALLEST_SCALE_M = 1e-3
@@ -53,7 +59,7 @@ class DiffusionSampling:
 
         self._settings = settings
         self._seed = context.seed
-        self._round_size = settings.size_round(context.episodes)
+        self._round_size = limit_round(context, settings.size_round(context.episodes))
         shape = context.horizon, context.channels
         self._model = ConditionalDiffusion(settings, *shape, context.seed)
         self._trials = TrialMemory(*shape, settings.memory)
@@ -123,8 +129,9 @@ class DiffusionSampling:
         reached, before = fresh.quantile(self._settings.quantile), self._facts.threshold_m
         if before is None:
             # Fixed by the first round: a condition must mean the same in all trainings.
-            scale = max(fresh.quantile(0.5), SMALLEST_SCALE_M)
-            self._update_facts(threshold_m=reached, scale_m=scale)
+            safe = fresh.robustness[fresh.robustness > 0.0]
+            scale = float(np.median(safe)) if len(safe) else 1.0
+            self._update_facts(threshold_m=reached, scale_m=max(scale, SMALLEST_SCALE_M))
         else:
             self._update_facts(threshold_m=min(before, reached))
 
@@ -156,7 +163,9 @@ class DiffusionSampling:
         return LabelledNoise(
             z=trials.z,
             unseen=unseen,
-            condition=(np.maximum(trials.robustness, 0.0) / self._facts.scale_m).astype(np.float32),
+            condition=np.clip(
+                trials.robustness / np.float32(self._facts.scale_m), 0.0, LARGEST_CONDITION
+            ).astype(np.float32),
             excess=compute_excess(trials.z, unseen),
             elite=np.flatnonzero(trials.robustness <= limit),
         )

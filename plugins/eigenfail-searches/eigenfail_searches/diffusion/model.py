@@ -1,7 +1,6 @@
 """The conditional diffusion network with its training state."""
 
 from copy import deepcopy
-from itertools import chain
 from math import ceil, pi
 from typing import NamedTuple
 
@@ -149,7 +148,7 @@ class ConditionalDiffusion:
             with torch.no_grad():
                 # One call for all weights, which are many small tensors.
                 torch._foreach_lerp_(averages, weights, 1.0 - self._settings.ema)
-        if not tensors.all_finite(chain(self._average.parameters())):
+        if not tensors.all_finite(self._average.parameters()):
             raise LearnerDiverged(
                 "The diffusion model diverged: a weight became NaN or infinite.",
                 "Lower learning_rate and launch the campaign again.",

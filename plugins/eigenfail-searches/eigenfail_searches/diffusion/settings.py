@@ -1,5 +1,6 @@
 """Settings of `diffusion`, and what its network is trained on."""
 
+from math import ceil
 from typing import Annotated, Literal
 
 import msgspec
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 
 from eigenfail.values.arrays import Floats
 from eigenfail_services.methods import Amount, UpToOne
+
+LARGEST_CONDITION = 10.0
+"""Of training: robustness far from failures is all alike, and must not dominate the network."""
 
 STEPS_PER_JITTER = 20
 """Least number of steps of an episode for each step of shift, so that shifts are small."""
@@ -24,7 +28,7 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
     rounds: Annotated[
         int,
-        Meta(ge=2, le=1000, description="rounds of a campaign, each followed by a training"),
+        Meta(ge=2, le=1000, description="most rounds of a campaign, each followed by a training"),
     ] = 8
     prior_share: Annotated[
         float,
@@ -40,7 +44,7 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         Meta(
             ge=0.0,
             le=1.0,
-            description="quantile of the elite's squared noise that samples are asked for",
+            description="quantile of the elite's excess that samples are asked for",
         ),
     ] = 0.5
     first_steps: Annotated[
@@ -64,7 +68,9 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     sampling_steps: Annotated[
         int, Meta(ge=1, le=10_000, description="steps in which a trajectory is sampled")
     ] = 30
-    memory: Annotated[Amount, Meta(description="trajectories in memory")] = 20_000
+    memory: Annotated[
+        Amount, Meta(description="trajectories in memory; a full one drops the safest")
+    ] = 20_000
     device: Annotated[
         Literal["auto", "cpu", "cuda"],
         Meta(description="device of the network; auto: cuda if available"),
@@ -76,7 +82,7 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
     def size_round(self, episodes: int) -> int:
         """Return the number of episodes of a round."""
-        return max(1, round(episodes / self.rounds))
+        return ceil(episodes / self.rounds)
 
 
 class LabelledNoise(msgspec.Struct, frozen=True, eq=False):
@@ -85,7 +91,7 @@ class LabelledNoise(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         z: trajectories, shape (n, horizon, channels). [sigma]
         unseen: whether no noise was injected in a step, shape (n, horizon).
-        condition: robustness ÷ scale, at least 0, shape (n,).
+        condition: robustness ÷ scale, within 0 and `LARGEST_CONDITION`, shape (n,).
         excess: excess of the squared noise over p(x), shape (n,); see `compute_excess`.
         elite: numbers of the trajectories at or below the threshold.
     """

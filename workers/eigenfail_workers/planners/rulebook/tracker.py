@@ -130,7 +130,7 @@ class Tracker:
 
     Attributes:
         lost: number of trusted tracks that were deleted since the start of the episode.
-        losses: number of trusted tracks that each vehicle lost, by its number, if it lost any.
+        losses: number of deleted trusted tracks of each vehicle, by its number, if there were any.
         lost_now: numbers of the vehicles whose trusted tracks the last update deleted.
     """
 
