@@ -135,7 +135,7 @@ def list_layouts(programme: ScenarioProgramme) -> tuple[TableLayout, ...]:
     captions = CAPTIONS[programme.scenario]
     return (
         TableLayout(
-            "planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS, OF_PLANNERS
+            "planners", "Planners under Monte Carlo", (DRAWN_RATE, SEVERITY), PLANNERS, OF_PLANNERS
         ),
         TableLayout(
             "sweep",
