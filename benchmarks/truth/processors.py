@@ -51,6 +51,7 @@ KNOWN: dict[str, tuple[int, dict[str, Any]]] = {
     "optuna": (60, {}),
     "go_explore": (60, {}),
     "difs": (280, {"device": "cpu"}),
+    "diffusion": (80, {"device": "cpu", "first_steps": 50, "steps": 20}),
     "ensemble": (80, {"members": 2}),
     "evaluate": (20, {"campaign": EARLIER}),
     "held": (20, {}),
