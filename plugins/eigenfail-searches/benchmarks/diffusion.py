@@ -15,7 +15,6 @@ from benchmarks.figures import Figure
 from benchmarks.learning_figures import of_seeds
 from benchmarks.samples import COMMAND
 from benchmarks.searches import Found, context, list_evaluations, search, search_function
-from benchmarks.targets import Target
 from benchmarks.truth.known_problems import Noise, Problem
 from numpy.typing import NDArray
 
@@ -198,4 +197,3 @@ def sample_scenario(spec: CampaignSpec) -> Samples:
 
 
 TRIALS = ((("diffusion.",), find),)
-TARGETS = {"diffusion.any_time.network.regions": Target(low=15.0)}
