@@ -46,7 +46,7 @@ def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
         shares = pool.each(replay_parts, [learner] * SEEDS, each)
         for name in PARTS:
             values = [found[name] for found in shares]
-            yield f"paper.causes.{learner}.{name}", of_seeds(values, "share", SEEDS * EVALUATED)
+            yield f"paper.causes.{learner}.{name}", of_seeds(values, "share", SEEDS)
     failures = pool.each(count_with_small_batch, each)
     episodes = build_member("sweep base", seed).episodes
     yield "paper.causes.batch_16.failures", of_seeds(failures, "episodes", episodes)

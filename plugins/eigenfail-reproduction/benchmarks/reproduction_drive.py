@@ -123,15 +123,17 @@ OPENING = """# The paper's experiments on a drive
 This page has the experiments of [The paper reproduced](reproduction.md) on another scenario,
 [`highway_drive`](world.md#the-scenario-highway_drive). It labels every failure with its true cause,
 so that modes can be compared with causes. `eigenfail reproduce --scenario highway_drive --scale
-full --seed {first}` runs the campaigns of the first seed. Tables are read as on that page.
+full --seed {first}` runs the campaigns of the first seed. Tables below *Learners over the seeds*
+are for this seed alone: a row is one campaign.
 
 - **The drive** has three challenges, one after the other. In the *phantom*, noise pulls a passing
   car into the truck's lane, and a follower is behind. In the *reveal*, a car leaves the lane and
   uncovers a slow car. In the *cut-in*, a car changes into the lane. A *cause* names the challenge
   whose vehicle was struck, and says whether the planner had lost its track of that vehicle
   ([world](world.md#the-scenario-highway_drive)).
-- **Settings** are the paper's and our defaults, as on that page. White noise with the paper's sigma
-  is on every vehicle: ten channels.
+- **Settings**: `ast` and `difs` have our defaults. `ast_paper` has the settings of the paper's main
+  runs, with four gradient steps for each decision, and our defaults for all others; `difs_paper`
+  has the paper's schedule. White noise with the paper's sigma is on every vehicle: ten channels.
 - **Searches follow** the smallest *time to collision* of an episode
   ([importance](requirements.md#importance)). The paper uses the smallest distance. Here a passing
   car in the next lane sets that distance, which is nearly the same in every drive under p(x)

@@ -31,7 +31,7 @@ WINDOWS = (1, 3, 5, 7)
 """Numbers of the windows in which a push fails, of ten successive windows."""
 
 REACH_OF_WINDOWS, REACH_OF_ANY_TIME = 4.0, 5.0
-"""Sum of a push that fails, in its standard deviations: P is 1.3e-4 and about 3e-5."""
+"""Sum of a push that fails, in its standard deviations: P is 1.3e-4 and about 4e-5."""
 
 
 def sum_windows(z: Noise) -> Noise:

@@ -138,6 +138,13 @@ def test_samples_stay_finite_whatever_share_of_the_first_round_fails(share):
     assert (z**2).mean() < 3.0
 
 
+def test_rounds_of_draws_from_the_prior_alone_go_on():
+    learner = make_learner(20, rounds=20, prior_share=0.9, first_steps=1, steps=1)
+    engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
+    assert len(list(run_in_process(Rounds(learner, 1, 20), engine))) == 20
+    assert learner.propose(1).sources == (PriorSource(),)
+
+
 def test_smaller_excess_quantile_gives_likelier_noise():
     squares = []
     for quantile in (0.05, 0.95):

@@ -80,7 +80,7 @@ class ConditionalDenoiser(nn.Module):
     def forward(self, x: Tensor, angle: Tensor, condition: Tensor, excess: Tensor) -> Tensor:
         """Return v, shape (n, size) as x, for vectors of shape (n,)."""
         missing = self._positions * self._size - x.shape[1]
-        steps = functional.pad(x, (0, missing)).view(len(x), self._positions, -1)
+        steps = functional.pad(x, (0, missing)).view(len(x), self._positions, self._size)
         hidden = self.first(torch.cat([steps, self.places.expand(len(x), -1, -1)], dim=2))
         features = compute_features(angle, condition, excess)
         for block in self.blocks:
