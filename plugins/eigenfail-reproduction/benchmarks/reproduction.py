@@ -328,9 +328,9 @@ NOTHING_FOUND = (
 )
 ONE_AXIS = (
     "Tested: a policy repeats the noise that decides, and the other noise varies. With four of "
-    "five seeds longitudinal noise decides: without lateral noise all failures fail again, and without "
-    "longitudinal noise 0 to 40 % do. With the fifth seed lateral noise decides, and needs fewer "
-    "components at the collision (claims `paper.causes.ast.*`)."
+    "five seeds longitudinal noise decides: without lateral noise all failures fail again, and "
+    "without longitudinal noise 0 to 40 % do. With the fifth seed lateral noise decides, and needs "
+    "fewer components at the collision (claims `paper.causes.ast.*`)."
 )
 TWO_AXES = (
     "Tested, and not explained: longitudinal noise decides with three of five seeds (claims "
