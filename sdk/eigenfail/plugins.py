@@ -44,10 +44,9 @@ CLASS_PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 DISTRIBUTION = "eigenfail"
 """The distribution whose entry points are eigenfail's own."""
 
-PACKAGES = {
-    METHODS: dict.fromkeys(("annealing", "chains", "go_explore", "optuna"), "eigenfail-searches")
-}
-"""The packages under plugins/ that bring plug-ins which were once in the core, by group and name.
+SEARCHES = ("annealing", "chains", "diffusion", "go_explore", "optuna")
+PACKAGES = {METHODS: dict.fromkeys(SEARCHES, "eigenfail-searches")}
+"""The packages under plugins/ that bring plug-ins of these names, by group and name.
 
 A campaign file that names one gets the package to install, not a list of other methods.
 """
