@@ -46,14 +46,15 @@ def write(runs: SeedRuns, path: Path) -> None:
 def list_verdicts(prefix: str, found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
     """How many statements can be asked, hold, are refuted, and are not shown."""
     judged = seeds.judge_over_seeds(found)
-    yield f"{prefix}.asked", count(seeds.count_asked(judged), found)
+    scenario = found[0].scenario
+    yield f"{prefix}.asked", count(seeds.count_asked(judged), judged, scenario)
     for name, verdict in (
         ("holds", seeds.SeedVerdict.HOLDS),
         ("refuted", seeds.SeedVerdict.DOES_NOT_HOLD),
     ):
         of = [one for one in judged if one.verdict is verdict and one.is_shown]
-        yield f"{prefix}.{name}", count(len(of), found)
-    yield f"{prefix}.undecided", count(sum(map(is_undecided, judged)), found)
+        yield f"{prefix}.{name}", count(len(of), judged, scenario)
+    yield f"{prefix}.undecided", count(sum(map(is_undecided, judged)), judged, scenario)
 
 
 def is_undecided(judged: seeds.JudgedStatement) -> bool:
@@ -61,11 +62,10 @@ def is_undecided(judged: seeds.JudgedStatement) -> bool:
     return judged.verdict is not seeds.SeedVerdict.CANNOT_BE_ASKED and not judged.is_shown
 
 
-def count(value: int, found: Sequence[PaperReproduction]) -> Figure:
+def count(value: int, judged: Sequence[seeds.JudgedStatement], scenario: str) -> Figure:
     """A number of statements, of all."""
-    n = len(seeds.judge_over_seeds(found))
-    note = f"of {n} statements, over the seeds of {found[0].scenario}"
-    return Figure(value=float(value), unit="statements", n=n, command=COMMAND, note=note)
+    note = f"of {len(judged)} statements, over the seeds of {scenario}"
+    return Figure(value=float(value), unit="statements", n=len(judged), command=COMMAND, note=note)
 
 
 class CellOverSeeds(NamedTuple):

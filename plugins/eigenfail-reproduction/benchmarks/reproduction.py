@@ -199,8 +199,8 @@ square brackets; if none or all failed, the bound is exact and one-sided (95 %).
 are rounded outwards. Upper ends count draws that may have failed: errored and unresolved ones.
 """
 SEARCHED = """\
-Episodes of a search depend on earlier ones, so their rates have no interval and are not rates
-under p(x).
+A search chooses its episodes by the results of earlier ones. Its failure rate is therefore not a
+rate under p(x), and has no interval.
 """
 MEANS = """\
 Log p is the natural logarithm of the density of the errors [m], summed over the steps of an
@@ -370,8 +370,9 @@ REASONS: Mapping[tuple[str, str], str] = {
     (C_DIST, ""): "Tested with five seeds: two of the three seeds that have ten failures of each "
     "have the most severe ones with the smallest c_dist, and none with the largest. Some trainings "
     "with a small or a large c_dist learn nothing within 300 episodes.",
-    (TAU, ""): "Failures with the smallest tau are likelier than those of the base in all four "
-    "seeds that have ten; in two of them the largest tau has likelier ones still.",
+    (TAU, ""): "The smallest tau gives likelier failures than the base with all four seeds that "
+    "have ten failures. With two of these seeds the largest tau gives failures that are likelier "
+    "still.",
     (BUFFER, ""): "The small buffer holds 14 episodes. Trainings with it find fewer than ten "
     "failures in three of five seeds.",
     (LIKELIER, "ast, difs"): "Tested: the number of steps. With 700 steps, DiFS reaches "

@@ -146,8 +146,8 @@ are for this seed alone: a row is one campaign.
   and `difs_paper` weighs its condition by 2. The paper does not give this weight; our default,
   0.15, found no failure. One rule came later: a setting cannot be asked about if its campaigns have
   the same failures.
-- **Steps**: an episode has 420 steps of 0.1 s. The scenario has no setting for their number, and
-  the paper does not give its own.
+- **Steps**: an episode has 420 steps of 0.1 s. This number cannot be set. The paper does not give
+  the number of its steps.
 - **Seeds**: {first} to {last}, and 1000 more in evaluations. The first seed runs all campaigns with
   the paper's numbers of episodes. The other seeds (`--scale learners`) only train and evaluate,
   with 300 and 100 episodes. This was decided while the first seed ran, for lack of computing time,

@@ -260,10 +260,10 @@ Verdicts are about the campaigns of the tables above, with one seed each, so the
 """
 
 OF_STATEMENTS = """\
-The planner is `rulebook`, except in the campaign of `idm`. *Holds if* says what is compared. If one
-part of a statement is false, the statement is false. The paper leaves some choices open: the value
-to compare with, the axis, the alignment, the component. All choices in that column are judged, and
-a statement is undecided unless they agree.
+All campaigns test `rulebook`, but for one of Monte Carlo, which tests `idm`. The column *holds if*
+says what is compared. If one part of a statement is false, the statement is false. The paper leaves
+some choices open: the value to compare with, the axis, the alignment, the component. All choices in
+that column are judged, and a statement is undecided unless they agree.
 
 - *Failed* counts episodes with a collision. In a search this is not a failure rate.
 - *Likelier* means a higher log p per step [nat]. An episode ends at its collision, so sums are over
@@ -273,7 +273,7 @@ a statement is undecided unless they agree.
 - A difference counts if its 95 % interval excludes 0: Newcombe's interval for shares, and for means
   over ten or more failures the interval of two normal means with unequal variances. Episodes of the
   sweep are correlated; there the interval passes over small differences, and is not a test.
-- Shares of variance, largest entries and modes have no interval.
+- No interval is computed for shares of variance, for largest entries or for modes.
 - Rank correlations have the 95 % interval of Bonett and Wright (2000), rounded outwards. They are
   over the failures that one searcher chose, and do not say how rare severe collisions are.
 """

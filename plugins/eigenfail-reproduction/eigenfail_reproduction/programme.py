@@ -132,8 +132,11 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
 
 EVERY_AXES = ("every.longitudinal", "every.lateral")
 
-STEP_S, HOLD = 0.02, 50
-"""Of `cut_in`. [s, steps]"""
+STEP_S = 0.02
+"""Duration of a step of `cut_in`. [s]"""
+
+HOLD = round(HELD_S / STEP_S)
+"""Number of steps of an action of `cut_in`."""
 
 FREQUENCY = 5
 """Measurements for each one of the default step of 0.1 s."""

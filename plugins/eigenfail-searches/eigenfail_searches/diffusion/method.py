@@ -5,6 +5,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits
 from eigenfail.values.arrays import Floats
@@ -100,13 +101,8 @@ class DiffusionSampling:
 
     def state(self) -> bytes:
         """Return network, optimizer, trajectories, threshold and counters."""
-        trials = self._trials
-        arrays: dict[str, archive.Array] = {
-            "z": trials.z,
-            "steps": trials.steps,
-            "robustness": trials.robustness,
-        }
-        return archive.write("diffusion", self._facts, {**self._model.arrays(), **arrays})
+        arrays = {**self._model.arrays(), **self._trials.arrays()}
+        return archive.write("diffusion", self._facts, arrays)
 
     def restore(self, state: bytes) -> None:
         """Restore a state, from which learning goes on bit for bit.
@@ -116,12 +112,8 @@ class DiffusionSampling:
         """
         facts, arrays = archive.read("diffusion", state, self._Facts)
         with archive.wrap_errors("diffusion"):
-            count = len(arrays["robustness"])
-            z = archive.take(arrays, "z", (count, *self._trials.z.shape[1:]))
-            steps = archive.take(arrays, "steps", (count,))
             self._model.load(arrays)
-        self._trials.z, self._trials.steps = z, steps
-        self._trials.robustness = arrays["robustness"]
+            self._trials.load(arrays)
         self._facts = facts
 
     def _lower_threshold(self, fresh: TrialMemory) -> None:
@@ -143,23 +135,31 @@ class DiffusionSampling:
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _sample(self, conditions: Floats, draw: int) -> tuple[TrajectorySource, ...]:
-        examples = self._make_examples()
-        excess = 0.0
-        if len(examples.elite):
-            quantile = self._settings.excess_quantile
-            excess = float(np.quantile(examples.excess[examples.elite], quantile))
-        samples = self._model.sample(conditions, excess, draw)
+        samples = self._model.sample(conditions, self._choose_excess(), draw)
         return tuple(TrajectorySource(z) for z in samples)
 
+    def _choose_excess(self) -> float:
+        """Return the excess that samples are asked to have; 0 without trajectories."""
+        trials, elite = self._trials, self._find_elite()
+        if not len(elite):
+            return 0.0
+        excess = compute_excess(trials.z[elite], trials.find_unseen()[elite])
+        return float(np.quantile(excess, self._settings.excess_quantile))
+
+    def _find_elite(self) -> NDArray[np.intp]:
+        """Return the numbers of the trajectories at or below the threshold, at least the best."""
+        robustness = self._trials.robustness
+        least = np.sort(robustness)[:SMALLEST_ELITE].max(initial=-np.inf)
+        limit = max(np.float32(self._facts.threshold_m or 0.0), least)
+        return np.flatnonzero(robustness <= limit)
+
     def _make_examples(self) -> LabelledNoise:
-        """Return all trajectories; the elite are those at or below the threshold.
+        """Return all trajectories as training data.
 
         Failures have the condition 0, however far they lie beyond the border: that is what
         samples at robustness 0 are to be like.
         """
         trials, unseen = self._trials, self._trials.find_unseen()
-        least = np.sort(trials.robustness)[:SMALLEST_ELITE].max(initial=-np.inf)
-        limit = max(np.float32(self._facts.threshold_m or 0.0), least)
         return LabelledNoise(
             z=trials.z,
             unseen=unseen,
@@ -167,7 +167,7 @@ class DiffusionSampling:
                 trials.robustness / np.float32(self._facts.scale_m), 0.0, LARGEST_CONDITION
             ).astype(np.float32),
             excess=compute_excess(trials.z, unseen),
-            elite=np.flatnonzero(trials.robustness <= limit),
+            elite=self._find_elite(),
         )
 
     def _next_draw(self) -> int:

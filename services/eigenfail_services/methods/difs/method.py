@@ -130,13 +130,8 @@ class DiffusionFailureSampling:
 
     def state(self) -> bytes:
         """Return model, optimizer, trajectories, threshold and counters."""
-        trials = self._trials
-        arrays: dict[str, archive.Array] = {
-            "z": trials.z,
-            "steps": trials.steps,
-            "robustness": trials.robustness,
-        }
-        return archive.write("difs", self._facts, {**self._model.arrays(), **arrays})
+        arrays = {**self._model.arrays(), **self._trials.arrays()}
+        return archive.write("difs", self._facts, arrays)
 
     def restore(self, state: bytes) -> None:
         """Restore a state, from which learning goes on bit for bit.
@@ -146,12 +141,8 @@ class DiffusionFailureSampling:
         """
         facts, arrays = archive.read("difs", state, self._Facts)
         with archive.wrap_errors("difs"):
-            count = len(arrays["robustness"])
-            z = archive.take(arrays, "z", (count, *self._trials.z.shape[1:]))
-            steps = archive.take(arrays, "steps", (count,))
             self._model.load(arrays)
-        self._trials.z, self._trials.steps = z, steps
-        self._trials.robustness = arrays["robustness"]
+            self._trials.load(arrays)
         self._facts = facts
 
     def _train_on_experience(self) -> None:

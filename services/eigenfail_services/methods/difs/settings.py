@@ -13,6 +13,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.learning import Experience
 from eigenfail_services.methods import Amount, Id, UpToOne
+from eigenfail_services.methods.archive import Arrays, take
 from eigenfail_services.methods.difs.modes import Rows
 
 
@@ -182,6 +183,21 @@ class TrialMemory:
         """Add episodes of earlier campaigns."""
         self._append(experience.z, experience.steps, experience.robustness_m)
         self._forget()
+
+    def arrays(self) -> Arrays:
+        """Return the trajectories, their lengths and their robustness."""
+        return {"z": self.z, "steps": self.steps, "robustness": self.robustness}
+
+    def load(self, arrays: Arrays) -> None:
+        """Restore the trajectories.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+        robustness = arrays["robustness"]
+        z = take(arrays, "z", (len(robustness), *self.z.shape[1:]))
+        self.steps = take(arrays, "steps", (len(robustness),))
+        self.z, self.robustness = z, robustness
 
     def quantile(self, share: float) -> float:
         """Return a quantile of the robustness; inf without trajectories. [m]"""
