@@ -5,7 +5,7 @@ no other module compares names of simulators.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import msgspec
@@ -318,11 +318,8 @@ class PluginWorld(CampaignWorld):
         """
         scenario, corners = self._scenario(spec), self.variation(spec).corners()
         situations = [scenario(corner, spec.seed) for corner in corners]
-        if len(durations := {each.mission.dt_s for each in situations}) > 1:
-            problem = "the duration of a step varies, and a campaign has one for all episodes."
-            raise InvalidValue("scenario_parameters", problem, "Give it one value.")
-        steps = max(each.steps for each in situations)
-        return EpisodeForm(steps, durations.pop(), self.channels(spec))
+        step_s = _find_step(each.mission.dt_s for each in situations)
+        return EpisodeForm(max(each.steps for each in situations), step_s, self.channels(spec))
 
     def parameters_type(self, spec: CampaignSpec) -> type[msgspec.Struct]:
         """Return the scenario's `Parameters`."""
@@ -458,10 +455,14 @@ class BridgeWorld(CampaignWorld):
         return bridges.check(spec)
 
     def find_form(self, spec: CampaignSpec) -> EpisodeForm:
-        """Return the most steps and the longest step that the campaign sets."""
+        """Return the most steps that the campaign sets, and the duration of a step.
+
+        Raises:
+            InvalidValue: steps differ in duration.
+        """
         corners = list(bridges.check(spec).corners())
         steps = max(int(each.steps) for each in corners)
-        step_s = max(float(each.dt_s) for each in corners)
+        step_s = _find_step(float(each.dt_s) for each in corners)
         return EpisodeForm(steps, step_s, self.channels(spec))
 
     def runs_foreign_code(self, _setup: EpisodeSetup) -> bool:
@@ -558,6 +559,18 @@ def describe_requirements(spec: CampaignSpec) -> dict[str, str]:
         for each in spec.named_requirements
     }
     return words | ({"importance": spec.importance.in_words()} if spec.importance else {})
+
+
+def _find_step(durations: Iterable[float]) -> float:
+    """Return the duration of a step, which all episodes of a campaign share. [s]
+
+    Raises:
+        InvalidValue: steps differ in duration.
+    """
+    if len(known := {*durations}) > 1:
+        problem = "the duration of a step varies, and a campaign has one for all episodes."
+        raise InvalidValue("scenario_parameters", problem, "Give it one value.")
+    return known.pop()
 
 
 def _count_vehicles(situation: Situation | ReactiveSituation) -> int:

@@ -51,6 +51,13 @@ def test_the_longest_episode_is_the_horizon() -> None:
     assert world_of("bridge").find_form(asked).steps == 70
 
 
+@pytest.mark.parametrize("varied", [{"choice": [0.05, 0.1]}, {"uniform": [0.05, 0.1]}])
+def test_a_campaign_has_one_duration_of_a_step(varied: dict[str, list[float]]) -> None:
+    with pytest.raises(InvalidValue, match="duration of a step varies"):
+        world_of("bridge").find_form(spec(steps=9, dt_s=varied))
+    assert world_of("bridge").find_form(spec(steps=9, dt_s={"choice": [0.05]})).step_s == 0.05
+
+
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [

@@ -189,7 +189,7 @@ def make_tiles(
     hours = figures.format_number(summary.cost.instance_hours)
     price = f"{hours} h × {figures.format_number(campaign.spec.price_usd_per_hour)} USD/h"
     spent = "Total cost" if campaign.state in FINAL_STATES else "Cost so far"
-    severity = rendering.Tile(summary.mean_severity, ("of the failures",))
+    severity = rendering.Tile(summary.mean_severity, ("of the collisions",))
     has_road = worlds.world_of(campaign.spec.simulator).has_road
     return (
         ("Cost per failure", rendering.make_cost_tile(summary)),

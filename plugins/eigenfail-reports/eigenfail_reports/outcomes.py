@@ -227,7 +227,7 @@ def describe_basis(subject: Subject) -> str:
     return f"n = {figures.format_count(subject.summary.counts.failures)}"
 
 
-SEVERITY_FIGURE = "Mean severity of the failures [m²/s²]"
+SEVERITY_FIGURE = "Mean severity of the collisions [m²/s²]"
 
 
 FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {

@@ -197,8 +197,6 @@ def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[tables.Bloc
 def _list_findings(summary: Summary) -> tables.FactTable:
     n = f"n = {format_count(summary.counts.failures)}"
     collisions = summary.conflicts.collisions
-    # A violation without a collision has no severity: the mean may rest on fewer failures.
-    severe = "failures" if collisions == summary.counts.failures else "collisions"
     rate = tables.format_line(summary.failure_rate)
     searched = summary.failure_rate is not None and not summary.failure_rate.sampled
     chosen = ", chosen by the method" if searched else ""
@@ -210,8 +208,9 @@ def _list_findings(summary: Summary) -> tables.FactTable:
         *([("", summary.rate_remark)] if summary.rate_remark else []),
         ("log p per step", f"{format_number(summary.log_probability_per_step)} of failures ({n})"),
         (
-            "severity",
-            f"{format_number(summary.mean_severity)} m²/s², mean of {severe} (n = {collisions:,})",
+            # A violation without a collision has none.
+            "mean severity",
+            f"{format_number(summary.mean_severity)} m²/s² of collisions (n = {collisions:,})",
         ),
         ("cost per failure", f"{tables.format_line(summary.cost)} USD ({n})"),
     )

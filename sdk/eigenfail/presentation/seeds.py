@@ -96,7 +96,7 @@ def _list_rows(spread: SeedSpread) -> Iterator[tuple[tables.Cell, ...]]:
     )
     for name, figure in (
         ("log p/step of the failures [nats]", spread.log_probability_per_step),
-        ("Severity of the failures [m²/s²]", spread.mean_severity),
+        ("Severity of the collisions [m²/s²]", spread.mean_severity),
     ):
         yield (
             name,

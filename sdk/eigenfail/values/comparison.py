@@ -37,7 +37,7 @@ class Side(msgspec.Struct, frozen=True, kw_only=True):
         rates: the failure rate of each campaign; None before its first episode.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
-        mean_severity: mean severity of the failures [m²/s²].
+        mean_severity: mean severity of the collisions [m²/s²].
         cost: cost of all campaigns together, per failure of any campaign.
     """
 

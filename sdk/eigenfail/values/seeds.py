@@ -74,7 +74,7 @@ class SeedSpread(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
         share: share of the episodes that failed.
         worst: the seed with the lowest share; among equal ones, with the latest first failure.
         log_probability_per_step: log-probability per step of the failures, over seeds with one.
-        mean_severity: mean severity of the failures, over seeds with one [m²/s²].
+        mean_severity: mean severity of the collisions, over seeds with one [m²/s²].
         first: number of episodes up to the first failure.
         cost: total price ÷ all failures, with its interval across seeds. If the interval is open
             above, or all seeds are without a failure, there is only the lower bound.

@@ -123,7 +123,7 @@ class Summary(Shown, msgspec.Struct, frozen=True):
         mean_log_probability: mean log-probability of the failures, summed over their steps.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
             their steps ÷ steps.
-        mean_severity: mean severity of the failures [m²/s²].
+        mean_severity: mean severity of the collisions [m²/s²].
         estimate: estimate of the failure probability under p(x); None if the method does not give
             one, or has not yet.
         unresolved: episodes that are safe only because they ended.
