@@ -7,34 +7,16 @@ from typing import Annotated, NamedTuple
 import typer
 
 from eigenfail import plugins
-from eigenfail.cli import completion, options
+from eigenfail.cli import completion, options, render
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.render import (
-    CommandResult,
-    TerminalView,
-    describe_method_result,
-    find_missing_workers,
-    follow,
-    judge,
-    show,
-)
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
 from eigenfail.client import Client
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
-from eigenfail.presentation.campaigns import (
-    describe_campaign,
-    describe_costs,
-    describe_safety,
-    list_campaign_facts,
-    tabulate_campaigns,
-    tabulate_course,
-    tabulate_results,
-    tabulate_workers,
-)
+from eigenfail.presentation import campaigns as presentation
 from eigenfail.values.campaign import Campaign, CampaignState
 from eigenfail.values.campaign_spec import CampaignSpec, Priority
 from eigenfail.values.safety import TAIL_LEVEL
@@ -81,14 +63,14 @@ def open_with_spec(
 
 @app.command()
 @prints_answer(opened_by=open_with_spec)
-def create(asked: SpecRequest, quiet: Quiet = False) -> CommandResult:
+def create(asked: SpecRequest, quiet: Quiet = False) -> render.CommandResult:
     """Launch the campaign that a TOML file describes, and print it."""
     return _show_launched(asked.client.campaigns.create(asked.spec), quiet)
 
 
 @app.command()
 @prints_answer(opened_by=open_with_spec)
-def check(asked: SpecRequest, quiet: QuietCheck = False) -> CommandResult:
+def check(asked: SpecRequest, quiet: QuietCheck = False) -> render.CommandResult:
     """Print the full specification of the campaign in a TOML file without launching it.
 
     Exits with 2 if it cannot be launched.
@@ -97,7 +79,7 @@ def check(asked: SpecRequest, quiet: QuietCheck = False) -> CommandResult:
     exit_code = make_error(found.problems[0]).exit_code if found.problems else 0
     if quiet:
         raise typer.Exit(exit_code)
-    return CommandResult(found, describe_check(found), exit_code=exit_code)
+    return render.CommandResult(found, describe_check(found), exit_code=exit_code)
 
 
 @app.command()
@@ -112,7 +94,7 @@ def clone(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the new campaign.")] = None,
     values: options.Changed = None,
     quiet: Quiet = False,
-) -> CommandResult:
+) -> render.CommandResult:
     """Launch a copy of an earlier campaign with changed values, and print it."""
     given = {"name": name, "episodes": episodes, "seed": seed}
     named = {field: value for field, value in given.items() if value is not None}
@@ -120,39 +102,55 @@ def clone(
     return _show_launched(client.campaigns.clone(campaign, **changes), quiet)
 
 
-def _show_launched(campaign: Campaign, quiet: bool) -> CommandResult:
+def _show_launched(campaign: Campaign, quiet: bool) -> render.CommandResult:
     """Return a campaign that was just launched, or its id alone, which is JSON, too."""
     if quiet:
-        return CommandResult(campaign.id, str(campaign.id))
+        return render.CommandResult(campaign.id, str(campaign.id))
     return _show_facts(campaign)
 
 
-def _show_facts(campaign: Campaign) -> CommandResult:
-    return CommandResult(campaign, list_campaign_facts(campaign))
+def _show_facts(campaign: Campaign) -> render.CommandResult:
+    return render.CommandResult(campaign, presentation.list_campaign_facts(campaign))
 
+
+Ids = Annotated[
+    list[int],
+    typer.Argument(
+        metavar="CAMPAIGN",
+        min=1,
+        help="One campaign, or several.",
+        autocompletion=completion.complete_campaigns,
+    ),
+]
 
 Act = Callable[[Campaigns, int], Campaign]
 
 ACTS: dict[str, tuple[Act, str]] = {
-    "pause": (Campaigns.pause, "Pause a campaign; its running episodes are finished and kept."),
-    "resume": (Campaigns.resume, "Resume a paused campaign."),
-    "cancel": (Campaigns.cancel, "Cancel a campaign; its finished episodes are kept."),
+    "pause": (Campaigns.pause, "Pause campaigns; their running episodes are finished and kept."),
+    "resume": (Campaigns.resume, "Resume paused campaigns."),
+    "cancel": (Campaigns.cancel, "Cancel campaigns; their finished episodes are kept."),
     "archive": (
         Campaigns.archive,
-        "Archive a campaign that has ended: lists omit it, and nothing of it is deleted.",
+        "Archive campaigns that have ended: lists omit them, and nothing of them is deleted.",
     ),
-    "restore": (Campaigns.restore, "List an archived campaign again."),
+    "restore": (Campaigns.restore, "List archived campaigns again."),
 }
 
 
 def _make_command(act: Act) -> Callable[..., None]:
-    """Return the command that does it, and shows what has become of the campaign."""
+    """Return the command that does it, and tells what has become of each campaign."""
 
     @prints_answer()
-    def command(client: Client, campaign: options.CampaignId) -> CommandResult:
-        return _show_facts(act(client.campaigns, campaign))
+    def command(client: Client, campaigns: Ids) -> render.CommandResult:
+        changed = [act(client.campaigns, each) for each in campaigns]
+        return render.CommandResult(changed, *map(_tell_state, changed))
 
     return command
+
+
+def _tell_state(campaign: Campaign) -> str:
+    state = "archived: lists omit it" if campaign.archived_ms else campaign.state
+    return f"Campaign {campaign.id} '{campaign.spec.name}' is {state}."
 
 
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]
@@ -180,9 +178,6 @@ Sort = Annotated[
 ]
 Archived = Annotated[bool, typer.Option("--archived", help="List archived campaigns, too.")]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
-Ids = Annotated[
-    list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
-]
 
 
 @app.command("list")
@@ -199,7 +194,7 @@ def list_campaigns(
     archived: Archived = False,
     limit: options.Limit = 20,
     watched: options.Watched = False,
-) -> TerminalView[tuple[Campaign, ...]]:
+) -> render.TerminalView[tuple[Campaign, ...]]:
     """List campaigns, by default newest first."""
     found = client.campaigns.list(
         state,
@@ -211,11 +206,11 @@ def list_campaigns(
         planner_version=planner_version,
         archived=archived,
     )
-    return TerminalView(
+    return render.TerminalView(
         look=lambda: found.first(limit),
         campaigns=lambda seen: seen,
         to_data=lambda seen: seen,
-        describe=lambda seen: (tabulate_campaigns(seen),),
+        describe=lambda seen: (presentation.tabulate_campaigns(seen),),
         watched=watched,
     )
 
@@ -224,16 +219,16 @@ def list_campaigns(
 @prints_answer()
 def show_campaign(
     client: Client, campaign: options.CampaignId, watched: options.Watched = False
-) -> TerminalView[tuple[Campaign, Summary]]:
+) -> render.TerminalView[tuple[Campaign, Summary]]:
     """Show the settings, progress and results of a campaign."""
-    return TerminalView(
+    return render.TerminalView(
         look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
         campaigns=lambda seen: seen[:1],
         to_data=lambda seen: seen[0],
         describe=lambda seen: (
-            *describe_campaign(*seen),
-            *find_missing_workers(client, seen[0]),
-            *describe_method_result(client, seen[0]),
+            *presentation.describe_campaign(*seen),
+            *render.find_missing_workers(client, seen[0]),
+            *render.describe_method_result(client, seen[0]),
         ),
         watched=watched,
     )
@@ -245,11 +240,11 @@ def course(
     client: Client,
     campaign: options.CampaignId,
     per: Annotated[int | None, typer.Option(min=1, help="Number of episodes in a block.")] = None,
-) -> CommandResult:
+) -> render.CommandResult:
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     found = client.campaigns.course(campaign, per)
     unit = find_robustness_unit(client.campaigns.get(campaign).spec)
-    return CommandResult(found, *tabulate_course(found, unit))
+    return render.CommandResult(found, *presentation.tabulate_course(found, unit))
 
 
 for _name, (_act, _text) in ACTS.items():
@@ -262,20 +257,20 @@ def priority(
     client: Client,
     campaign: options.CampaignId,
     wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
-) -> CommandResult:
+) -> render.CommandResult:
     """Change the priority of a campaign: its share of the workers and its place in the queue."""
     return _show_facts(client.campaigns.prioritise(campaign, wanted))
 
 
 @app.command()
 @prints_answer("Reading the results")
-def digest(client: Client, campaign: options.CampaignId) -> CommandResult:
+def digest(client: Client, campaign: options.CampaignId) -> render.CommandResult:
     """Print the digest over all results.
 
     The same campaign has the same digest with the same release and kind of processor.
     """
     found = client.campaigns.digest(campaign)
-    return CommandResult({"campaign": campaign, "digest": found}, found)
+    return render.CommandResult({"campaign": campaign, "digest": found}, found)
 
 
 @app.command()
@@ -288,38 +283,38 @@ def watch(
 ) -> None:
     """Follow a campaign to its end, and print its results; Ctrl-C leaves it running."""
     with interruptible(), connect_to(context, url) as client:
-        ended = follow(client, campaign)
+        ended = render.follow(client, campaign)
         summary = client.campaigns.summary(campaign)
-        words = describe_method_result(client, ended)
+        words = render.describe_method_result(client, ended)
     # Printed before it is judged: a gate that fails ends the command.
-    show(summary, as_json, tabulate_results([summary]), *words)
-    judge(ended, gate, summary)
+    render.show(summary, as_json, presentation.tabulate_results([summary]), *words)
+    render.judge(ended, gate, summary)
 
 
 @app.command()
 @prints_answer("Reading the measures")
 def safety(
     client: Client, campaign: options.CampaignId, level: Level = TAIL_LEVEL
-) -> CommandResult:
+) -> render.CommandResult:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
     found = client.campaigns.safety(campaign, level)
-    return CommandResult(found, *describe_safety(found))
+    return render.CommandResult(found, *presentation.describe_safety(found))
 
 
 @app.command()
 @prints_answer("Reading the costs")
-def cost(client: Client, campaigns: Ids) -> CommandResult:
+def cost(client: Client, campaigns: Ids) -> render.CommandResult:
     """Show cost per failure and per failure mode, cost over time, and the use of time.
 
     A Monte Carlo campaign without a failure shows a lower bound of the cost per failure (95 %).
     """
     found = [client.campaigns.cost(campaign) for campaign in campaigns]
-    return CommandResult(found, *describe_costs(found))
+    return render.CommandResult(found, *presentation.describe_costs(found))
 
 
 @app.command()
 @prints_answer()
-def workers(client: Client, campaign: options.CampaignId) -> CommandResult:
+def workers(client: Client, campaign: options.CampaignId) -> render.CommandResult:
     """Show the workers that ran a campaign's episodes, with their number and speed."""
     found = client.campaigns.workers(campaign)
-    return CommandResult(found, tabulate_workers(found))
+    return render.CommandResult(found, presentation.tabulate_workers(found))

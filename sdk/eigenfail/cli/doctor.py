@@ -12,13 +12,7 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from eigenfail import plugins
-from eigenfail.bridges import (
-    SIMULATOR,
-    BridgeCheck,
-    GoldenMessages,
-    check_address,
-)
+from eigenfail import bridges, plugins
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Data, Database, Replay, Url
@@ -314,17 +308,19 @@ def _show_checks(checks: list[CheckResult], as_json: bool, exit_code: int) -> No
 def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
     """Hold a bridge against its protocol, in a process that has what it takes to talk to it."""
     spec = None if campaign is None else read_spec(campaign)
-    if spec is not None and spec.simulator != SIMULATOR:
+    if spec is not None and spec.simulator != bridges.SIMULATOR:
         problem = f"the campaign runs on '{spec.simulator}', and on no bridge."
-        raise InvalidValue("simulator", problem, f'Write simulator = "{SIMULATOR}".')
+        raise InvalidValue("simulator", problem, f'Write simulator = "{bridges.SIMULATOR}".')
     with announce(f"Checking the bridge at {address}"):
-        answer = ask_about_bridges(BridgeCheck(check_address(address), spec))
+        answer = ask_about_bridges(bridges.BridgeCheck(bridges.check_address(address), spec))
     _show_checks(msgspec.json.decode(answer, type=list[CheckResult]), as_json, TROUBLE)
 
 
 def _write_golden_messages(folder: Path, as_json: bool) -> None:
     """Write each golden message as bytes, and as JSON for people."""
-    messages = msgspec.json.decode(ask_about_bridges(GoldenMessages()), type=dict[str, bytes])
+    messages = msgspec.json.decode(
+        ask_about_bridges(bridges.GoldenMessages()), type=dict[str, bytes]
+    )
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in messages.items():
         text = msgspec.json.format(msgspec.json.encode(msgspec.msgpack.decode(data)))

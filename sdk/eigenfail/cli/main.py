@@ -294,6 +294,10 @@ class Commands(TyperGroup):
         """Read what stands before the command."""
         # Not yet parsed: an error in the command line itself must be JSON, too.
         ctx.meta[JSON] = JSON in args
+        if args[:1] == ["help"]:
+            args = [*args[1:], "--help"]
+        elif args == ["version"]:
+            args = ["--version"]
         with exit_on_error(ctx.meta[JSON]):
             if args and args[0].partition("=")[0] in COMPLETION_OPTIONS:
                 set_up_completion(ctx, args)
@@ -311,7 +315,13 @@ EPILOG = (
     "2 usage error, 3 service error, 130 interrupted."
 )
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, epilog=EPILOG)
+app = typer.Typer(
+    cls=Commands,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    epilog=EPILOG,
+    context_settings={"help_option_names": ["--help", "-h"]},
+)
 
 
 def show_version(wanted: bool) -> None:

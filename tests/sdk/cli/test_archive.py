@@ -22,7 +22,11 @@ def test_a_suite_keeps_its_archived_members(eigenfail, spec_file, store):
     asked = ("run", spec_file, "--seeds", 2)
     assert eigenfail(*asked).exit_code == 0
     made = [campaign.id for campaign in store.campaigns.page(10).items]
-    for campaign in made:
-        assert eigenfail("campaign", "archive", campaign).exit_code == 0
+    told = eigenfail("campaign", "archive", *made)
+    assert told.exit_code == 0
+    assert [line.rpartition(":")[0] for line in told.stdout.splitlines()] == [
+        f"Campaign {campaign} '{store.campaigns.get(campaign).spec.name}' is archived"
+        for campaign in made
+    ]
     assert eigenfail(*asked).exit_code == 0
     assert [campaign.id for campaign in store.campaigns.page(10).items] == made

@@ -33,6 +33,24 @@ def test_help_lists_every_command_and_loads_nothing_heavy():
     assert heavy.isdisjoint(done.stderr.split())
 
 
+@pytest.mark.parametrize(
+    ("habit", "same"),
+    [
+        (["-h"], ["--help"]),
+        (["help"], ["--help"]),
+        (["campaign", "-h"], ["campaign", "--help"]),
+        (["campaign", "archive", "-h"], ["campaign", "archive", "--help"]),
+        (["help", "campaign", "archive"], ["campaign", "archive", "--help"]),
+        (["version"], ["--version"]),
+    ],
+)
+def test_words_that_other_tools_have_for_help_and_version(runner, habit, same):
+    answer = runner.invoke(main.app, habit)
+    assert answer.exit_code == 0
+    assert answer.output
+    assert answer.output == runner.invoke(main.app, same).output
+
+
 @pytest.mark.parametrize("name", main.COMMANDS)
 def test_every_command_exists_and_is_described_as_it_is_listed(runner, name):
     command = main.defer(name).load()
