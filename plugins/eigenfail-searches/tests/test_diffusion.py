@@ -7,9 +7,9 @@ import pytest
 
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
-from eigenfail.values.episode import PriorSource
+from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.values.learning import LearnerContext
-from eigenfail_searches.diffusion.method import DiffusionSampling
+from eigenfail_searches.diffusion.method import DiffusionSampling, move, weigh_elite
 from eigenfail_searches.diffusion.model import ConditionalDiffusion
 from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise, compute_excess
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
@@ -37,7 +37,7 @@ def make_examples(z, condition=None, excess=None):
         unseen=np.zeros(z.shape[:2], bool),
         condition=nothing if condition is None else condition,
         excess=nothing if excess is None else excess,
-        elite=np.arange(count),
+        weights=np.full(count, 1.0 / count),
     )
 
 
@@ -96,6 +96,102 @@ def test_network_asked_for_less_excess_samples_likelier_noise():
     assert much > 1.7
 
 
+def test_network_learns_a_mean_that_varies_slowly_in_time():
+    """A push of 0.5 sigma over half of the episode, from 300 trajectories of noise of 1 sigma."""
+    z = np.random.default_rng(0).standard_normal((300, STEPS, 2))
+    z[:, : STEPS // 2, 1] += 0.5
+    model = make_model(first_steps=300)
+    model.train(make_examples(z), draw=1)
+    mean = model.sample(np.zeros(2000, np.float32), 0.0, draw=2).mean(axis=0)
+    assert mean[: STEPS // 2, 1].mean() == pytest.approx(0.5, abs=0.15)
+    assert mean[STEPS // 2 :, 1].mean() == pytest.approx(0.0, abs=0.15)
+    assert mean[:, 0].mean() == pytest.approx(0.0, abs=0.15)
+
+
+def test_moved_noise_from_the_prior_is_noise_from_the_prior():
+    random = np.random.default_rng(0)
+    z = move(random.standard_normal((4000, STEPS, 2)).astype(np.float32), random)
+    assert z.dtype == np.float32
+    flat = z.reshape(len(z), -1).astype(np.float64)
+    assert np.abs(flat.mean(axis=0)).max() < 0.1
+    assert np.abs(np.cov(flat, rowvar=False) - np.eye(2 * STEPS)).max() < 0.12
+
+
+def test_moved_noise_is_shifted_as_a_whole_and_each_channel_mirrored_or_not():
+    steps = np.arange(100.0, 100.0 + STEPS, dtype=np.float32)
+    z = np.stack([steps, 1000.0 * steps], axis=1)[None].repeat(500, axis=0)
+    moved = move(z, np.random.default_rng(1))
+    shifts, signs = [], set()
+    for each in moved:
+        # New draws are far below 50.
+        kept = np.flatnonzero(np.abs(each[:, 0]) > 50.0)
+        np.testing.assert_array_equal(1000.0 * np.abs(each[kept, 0]), np.abs(each[kept, 1]))
+        assert (np.diff(np.abs(each[kept, 0])) == 1.0).all()
+        shifts.append(int(kept[0] - (np.abs(each[kept[0], 0]) - 100.0)))
+        signs.add(tuple(np.sign(each[kept[0]])))
+    assert min(shifts) < -STEPS // 2
+    assert max(shifts) > STEPS // 2
+    assert max(map(abs, shifts)) < STEPS
+    assert len(signs) == 4
+
+
+def test_moved_trajectories_have_half_of_the_elite_if_there_are_five():
+    elite = np.array([True] * 10 + [False] * 5)
+    moved = np.zeros(15, bool)
+    moved[[0, 1, 2, 3, 12]] = True
+    np.testing.assert_allclose(weigh_elite(elite, moved), np.r_[np.full(10, 0.1), np.zeros(5)])
+    moved[4] = True
+    np.testing.assert_allclose(weigh_elite(elite, moved), np.r_[np.full(10, 0.1), np.zeros(5)])
+    elite[10] = True
+    expected = np.r_[np.full(5, 0.1), np.full(6, 0.5 / 6), np.zeros(4)]
+    np.testing.assert_allclose(weigh_elite(elite, moved), expected)
+    np.testing.assert_allclose(weigh_elite(moved, moved), moved / 6)
+
+
+def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
+    """A push of five steps at any time and in either direction, with two channels."""
+
+    def sum_pushes(z):
+        total = np.cumsum(np.pad(z[:, :, 0], ((0, 0), (1, 0))), axis=1)
+        return (total[:, 5:] - total[:, :-5]) / 5**0.5
+
+    regions = []
+    for share in (0.0, 0.3):
+        learner = make_learner(1500, width=24, rounds=12, steps=100, moved_share=share)
+        engine = FunctionEngine(of_batch(lambda z: 4.0 - np.abs(sum_pushes(z)).max(axis=1)), STEPS)
+        list(run_in_process(Rounds(learner, 5, 1500), engine))
+        sums = sum_pushes(noise_of(learner.exploit(300)).astype(np.float64))
+        begin = np.abs(sums).argmax(axis=1)
+        largest = sums[np.arange(len(sums)), begin]
+        found = np.abs(largest) >= 4.0
+        regions.append(
+            len(
+                {
+                    (int(at) // 6, up)
+                    for at, up in zip(begin[found], largest[found] > 0, strict=True)
+                }
+            )
+        )
+    assert regions[1] >= regions[0] + 2, regions
+    assert regions[1] >= 6
+
+
+def test_a_state_in_the_middle_restores_what_is_learnt_later():
+    engine = FunctionEngine(of_batch(lambda z: 1.5 - z[:, 0, 0]), STEPS)
+    ends = []
+    for stops in (False, True):
+        learner = make_learner(60, rounds=6, first_steps=5, steps=5)
+        for first in range(0, 60, 10):
+            sources = learner.propose(10).sources
+            tasks = [EpisodeTask(first + i, first + i, each) for i, each in enumerate(sources)]
+            learner.observe(list(engine.run(tasks)))
+            if stops:
+                state, learner = learner.state(), make_learner(60, rounds=6, first_steps=5, steps=5)
+                learner.restore(state)
+        ends.append(noise_of(learner.exploit(5)))
+    np.testing.assert_array_equal(*ends)
+
+
 def test_first_round_is_from_the_prior_and_a_fifth_of_each_later_one():
     learner = make_learner(80, rounds=4, first_steps=5, steps=5)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
@@ -109,9 +205,9 @@ def test_first_round_is_from_the_prior_and_a_fifth_of_each_later_one():
 
 
 @pytest.mark.parametrize(
-    ("episodes", "sizes"), [(100, [13] * 7 + [9]), (20, [3] * 6 + [2]), (5, [1] * 5)]
+    ("episodes", "sizes"), [(100, [7] * 14 + [2]), (20, [2] * 10), (5, [1] * 5)]
 )
-def test_rounds_are_at_most_eight(episodes, sizes):
+def test_rounds_are_at_most_fifteen(episodes, sizes):
     learner = make_learner(episodes, first_steps=1, steps=1)
     rounds = Rounds(learner, 1, episodes)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
@@ -148,7 +244,9 @@ def test_rounds_of_draws_from_the_prior_alone_go_on():
 def test_smaller_excess_quantile_gives_likelier_noise():
     squares = []
     for quantile in (0.05, 0.95):
-        learner = make_learner(600, width=24, excess_quantile=quantile, first_steps=300)
+        learner = make_learner(
+            600, width=24, rounds=8, steps=100, excess_quantile=quantile, first_steps=300
+        )
         engine = FunctionEngine(of_batch(lambda z: 2.0 - sum_windows(z).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 3, 600), engine))
         squares.append((noise_of(learner.exploit(200)) ** 2).mean())
@@ -179,7 +277,7 @@ def sum_windows(z):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_failures_in_several_regions_are_found_and_stay_likely(seed):
     """Each of four windows fails with a probability of 1.3e-3 under p(x)."""
-    learner = make_learner(2000, width=32)
+    learner = make_learner(2000, width=32, rounds=10, steps=150)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - sum_windows(z).max(axis=1)), STEPS)
     list(run_in_process(Rounds(learner, seed, 2000), engine))
     z = noise_of(learner.exploit(300)).astype(np.float64)

@@ -1,7 +1,7 @@
 """The conditional diffusion network with its training state."""
 
 from copy import deepcopy
-from math import ceil, pi
+from math import ceil, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -31,29 +31,74 @@ training takes as long for a long episode as for a short one."""
 DILATIONS = (1, 2, 4, 8)
 """Distances of the neighbours that the blocks see, in positions."""
 
-FEATURES = 10
-"""Four features of the diffusion time, three of the robustness, three of the excess."""
+LEVELS = 6
+"""Three features of the robustness, three of the excess."""
+
+FEATURES = 4 + LEVELS
+"""Four features of the diffusion time, and those of robustness and excess."""
+
+WAVES, WIDTH_OF_TREND = 8, 32
+"""Number of cosines of the trend in each channel, and width of its hidden layer."""
 
 PLACES = 4
 """Features of the place in time, the same for all trajectories."""
 
 
-def compute_features(angle: Tensor, condition: Tensor, excess: Tensor) -> Tensor:
-    """Return features of the diffusion time t, the robustness and the excess, (n, FEATURES).
+def compute_turns(angle: Tensor) -> Tensor:
+    """Return features of the diffusion time t, shape (n, 4)."""
+    turns = [torch.sin(angle), torch.cos(angle), torch.sin(2 * angle), torch.cos(4 * angle)]
+    return torch.stack(turns, dim=1)
+
+
+def compute_levels(condition: Tensor, excess: Tensor) -> Tensor:
+    """Return features of the robustness and the excess, shape (n, LEVELS).
 
     The exponentials set failures, robustness 0, apart from near failures.
     """
-    turns = [torch.sin(angle), torch.cos(angle), torch.sin(2 * angle), torch.cos(4 * angle)]
     levels = [condition, torch.exp(-4.0 * condition), torch.exp(-16.0 * condition)]
     # An excess of 3 is rare under p(x), one of 30 is what noise of far failures has.
     sizes = [torch.tanh(excess / 3.0), torch.tanh(excess / 10.0), excess / 30.0]
-    return torch.stack(turns + levels + sizes, dim=1)
+    return torch.stack(levels + sizes, dim=1)
+
+
+class Trend(nn.Module):
+    """A mean m of the noise that varies slowly in time, given robustness and excess.
+
+    It is a sum of cosines in each channel, whose amplitudes a small network computes; zero before
+    training. Failures that need a little noise for seconds have such a mean. Convolutions alone
+    learn it too slowly to find them.
+
+    Args:
+        horizon: number of steps of a trajectory.
+        channels: number of channels of the noise.
+    """
+
+    waves: Tensor
+
+    def __init__(self, horizon: int, channels: int) -> None:
+        super().__init__()
+        self._channels = channels
+        at = (torch.arange(horizon) + 0.5) / horizon
+        cosines = [torch.cos(pi * number * at) for number in range(1, WAVES)]
+        waves = [torch.ones(horizon), *(sqrt(2.0) * each for each in cosines)]
+        self.register_buffer("waves", torch.stack(waves, dim=1))
+        self.first = nn.Linear(LEVELS, WIDTH_OF_TREND)
+        self.last = nn.Linear(WIDTH_OF_TREND, WAVES * channels)
+        for parameter in self.last.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, levels: Tensor) -> Tensor:
+        """Return m, shape (n, horizon · channels), for features of shape (n, LEVELS)."""
+        amplitudes = self.last(functional.silu(self.first(levels)))
+        mean: Tensor = self.waves @ amplitudes.view(len(levels), WAVES, self._channels)
+        return mean.flatten(1)
 
 
 class ConditionalDenoiser(nn.Module):
-    """v(x_t, t, robustness, excess) by dilated convolutions over time, zero before training.
+    """v(x_t, t, robustness, excess) = -sin(t) · m + convolutions over time, zero before training.
 
-    For a standard normal v is zero, so that the untrained network samples the prior exactly.
+    For a standard normal v is zero, so that the untrained network samples the prior exactly. For
+    a normal of unit variance with the mean m, which is the trend, v = -sin(t) · m exactly.
 
     Args:
         horizon: number of steps of a trajectory.
@@ -74,6 +119,7 @@ class ConditionalDenoiser(nn.Module):
         self.first = nn.Linear(self._size + PLACES, width)
         self.blocks = nn.ModuleList([ResidualBlock(width, each, FEATURES) for each in DILATIONS])
         self.last = nn.Linear(width, self._size)
+        self.trend = Trend(horizon, channels)
         for parameter in self.last.parameters():
             nn.init.zeros_(parameter)
 
@@ -82,11 +128,13 @@ class ConditionalDenoiser(nn.Module):
         missing = self._positions * self._size - x.shape[1]
         steps = functional.pad(x, (0, missing)).view(len(x), self._positions, self._size)
         hidden = self.first(torch.cat([steps, self.places.expand(len(x), -1, -1)], dim=2))
-        features = compute_features(angle, condition, excess)
+        levels = compute_levels(condition, excess)
+        features = torch.cat([compute_turns(angle), levels], dim=1)
         for block in self.blocks:
             hidden = block(hidden, features)
-        velocity: Tensor = self.last(functional.silu(hidden))
-        return velocity.flatten(1)[:, : x.shape[1]]
+        local: Tensor = self.last(functional.silu(hidden)).flatten(1)[:, : x.shape[1]]
+        mean: Tensor = self.trend(levels)
+        return local - torch.sin(angle)[:, None] * mean
 
 
 class LabelledTensors(NamedTuple):
@@ -96,7 +144,7 @@ class LabelledTensors(NamedTuple):
     unseen: Tensor
     condition: Tensor
     excess: Tensor
-    elite: Tensor
+    weights: Tensor
 
 
 class ConditionalDiffusion:
@@ -208,8 +256,10 @@ class ConditionalDiffusion:
     def _compute_loss(self, given: LabelledTensors, generator: torch.Generator) -> Tensor:
         """Draw, shift and diffuse trajectories; return the mean squared error of the velocity."""
         count, most = self._settings.batch_size, self._jitter
-        best = given.elite[self._draw(len(given.elite), count // 2, generator)]
-        rows = torch.cat([best, self._draw(len(given.z), count - count // 2, generator)])
+        best = torch.multinomial(given.weights, count // 2, replacement=True, generator=generator)
+        size = (count - count // 2,)
+        others = torch.randint(len(given.z), size, generator=generator, device=self._device)
+        rows = torch.cat([best, others])
         by = torch.randint(-most, most + 1, (count, 1), generator=generator, device=self._device)
         z, unseen = shift_in_time(given.z[rows], given.unseen[rows], by)
         # Steps behind an episode's end get new draws each time (see `TrialMemory.find_unseen`).
@@ -221,16 +271,13 @@ class ConditionalDiffusion:
         )
         return functional.mse_loss(predicted, compute_velocity(x0, eps, angle))
 
-    def _draw(self, among: int, count: int, generator: torch.Generator) -> Tensor:
-        return torch.randint(among, (count,), generator=generator, device=self._device)
-
     def _make_tensors(self, examples: LabelledNoise) -> LabelledTensors:
         return LabelledTensors(
             self._make_tensor(examples.z),
             torch.from_numpy(examples.unseen).to(self._device),
             self._make_tensor(examples.condition),
             self._make_tensor(examples.excess),
-            torch.from_numpy(examples.elite).to(self._device),
+            torch.from_numpy(examples.weights).to(self._device),
         )
 
     def _make_generator(self, draw: int) -> torch.Generator:

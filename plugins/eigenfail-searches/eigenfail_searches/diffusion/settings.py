@@ -22,18 +22,26 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """Settings of `diffusion`.
 
     With more rounds the threshold falls further: more samples fail, in fewer ways. A larger
-    `excess_quantile` makes failures more frequent and less likely. A larger `jitter` keeps more
-    regions if failures may happen at any time, and loses failures whose time is fixed.
+    `excess_quantile` makes failures more frequent and less likely. A larger `moved_share` finds
+    more regions and fewer failures.
     """
 
     rounds: Annotated[
         int,
         Meta(ge=2, le=1000, description="most rounds of a campaign, each followed by a training"),
-    ] = 8
+    ] = 15
     prior_share: Annotated[
         float,
         Meta(ge=0.0, lt=1.0, description="share of each later round that is drawn from p(x)"),
     ] = 0.2
+    moved_share: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            lt=1.0,
+            description="share of the network's samples that are shifted in time and mirrored",
+        ),
+    ] = 0.3
     # The paper of DiFS keeps the lowest 30 %; the reference code (sisl/DiFS) half.
     quantile: Annotated[
         float,
@@ -52,7 +60,7 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 400
     steps: Annotated[
         int, Meta(ge=1, le=1_000_000, description="gradient steps of each later training")
-    ] = 200
+    ] = 300
     batch_size: Annotated[
         int, Meta(ge=2, le=100_000, description="trajectories in a gradient step")
     ] = 64
@@ -93,14 +101,15 @@ class LabelledNoise(msgspec.Struct, frozen=True, eq=False):
         unseen: whether no noise was injected in a step, shape (n, horizon).
         condition: robustness ÷ scale, within 0 and `LARGEST_CONDITION`, shape (n,).
         excess: excess of the squared noise over p(x), shape (n,); see `compute_excess`.
-        elite: numbers of the trajectories at or below the threshold.
+        weights: chance of each trajectory in the elite half of a batch, shape (n,). It is 0 for
+            those above the threshold.
     """
 
     z: Floats
     unseen: NDArray[np.bool_]
     condition: Floats
     excess: Floats
-    elite: NDArray[np.intp]
+    weights: NDArray[np.float64]
 
 
 def compute_excess(z: Floats, unseen: NDArray[np.bool_]) -> Floats:
