@@ -13,6 +13,7 @@ from eigenfail_searches.diffusion.method import DiffusionSampling, move, weigh_e
 from eigenfail_searches.diffusion.model import ConditionalDiffusion
 from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise, compute_excess
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail_services.methods import archive
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS, NORMAL = 40, NormalDist()
@@ -136,13 +137,11 @@ def test_moved_noise_is_shifted_as_a_whole_and_each_channel_mirrored_or_not():
 
 
 def test_moved_trajectories_have_half_of_the_elite_if_there_are_five():
-    elite = np.array([True] * 10 + [False] * 5)
+    elite = np.array([True] * 11 + [False] * 4)
     moved = np.zeros(15, bool)
     moved[[0, 1, 2, 3, 12]] = True
-    np.testing.assert_allclose(weigh_elite(elite, moved), np.r_[np.full(10, 0.1), np.zeros(5)])
+    np.testing.assert_allclose(weigh_elite(elite, moved), np.r_[np.full(11, 1 / 11), np.zeros(4)])
     moved[4] = True
-    np.testing.assert_allclose(weigh_elite(elite, moved), np.r_[np.full(10, 0.1), np.zeros(5)])
-    elite[10] = True
     expected = np.r_[np.full(5, 0.1), np.full(6, 0.5 / 6), np.zeros(4)]
     np.testing.assert_allclose(weigh_elite(elite, moved), expected)
     np.testing.assert_allclose(weigh_elite(moved, moved), moved / 6)
@@ -174,6 +173,24 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
         )
     assert regions[1] >= regions[0] + 2, regions
     assert regions[1] >= 6
+
+
+def test_moved_samples_are_kept_apart_whichever_episodes_err():
+    learner = make_learner(40, rounds=2, moved_share=0.5, first_steps=2, steps=2)
+    engine = FunctionEngine(
+        of_batch(lambda z: np.where(z[:, 0, 0] > 0.0, np.nan, 3.0 - z[:, 1, 0])), STEPS
+    )
+    for first in (0, 20):
+        sources = learner.propose(20).sources
+        tasks = [EpisodeTask(first + i, first + i, each) for i, each in enumerate(sources)]
+        results = list(engine.run(tasks))
+        learner.observe(results)
+    assert [isinstance(one, PriorSource) for one in sources] == [True] * 4 + [False] * 16
+    kept = [each.noise.z for each in results[-8:] if each.measures is not None]
+    assert 0 < len(kept) < 8
+    facts = DiffusionSampling._Facts
+    arrays = archive.read("diffusion", learner.state(), facts)[1]
+    np.testing.assert_array_equal(arrays["moved.z"], np.stack(kept))
 
 
 def test_a_state_in_the_middle_restores_what_is_learnt_later():

@@ -13,6 +13,7 @@ from eigenfail.cli.connection import connect_to
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
 from eigenfail.client import Client
 from eigenfail.client.campaigns import Campaigns
+from eigenfail.errors import EigenfailError
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
@@ -116,7 +117,7 @@ def _show_facts(campaign: Campaign) -> render.CommandResult:
 Ids = Annotated[
     list[int],
     typer.Argument(
-        metavar="CAMPAIGN",
+        metavar="CAMPAIGN...",
         min=1,
         help="One campaign, or several.",
         autocompletion=completion.complete_campaigns,
@@ -142,7 +143,14 @@ def _make_command(act: Act) -> Callable[..., None]:
 
     @prints_answer()
     def command(client: Client, campaigns: Ids) -> render.CommandResult:
-        changed = [act(client.campaigns, each) for each in campaigns]
+        changed: list[Campaign] = []
+        try:
+            changed.extend(act(client.campaigns, each) for each in dict.fromkeys(campaigns))
+        except EigenfailError:
+            # What was done before stays done.
+            for each in changed:
+                typer.echo(_tell_state(each), err=True)
+            raise
         return render.CommandResult(changed, *map(_tell_state, changed))
 
     return command

@@ -296,7 +296,7 @@ class Commands(TyperGroup):
         ctx.meta[JSON] = JSON in args
         if args[:1] == ["help"]:
             args = [*args[1:], "--help"]
-        elif args == ["version"]:
+        elif args[:1] == ["version"]:
             args = ["--version"]
         with exit_on_error(ctx.meta[JSON]):
             if args and args[0].partition("=")[0] in COMPLETION_OPTIONS:

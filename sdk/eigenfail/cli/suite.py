@@ -5,17 +5,10 @@ from typing import Annotated
 
 import typer
 
+from eigenfail.cli import render
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import MaybeUrl, Place, connect_for_suite
 from eigenfail.cli.options import AsJson, Data, Gate, Limit, Workers
-from eigenfail.cli.render import (
-    CommandResult,
-    first_rows,
-    judge,
-    make_errored_error,
-    run_suite,
-    show,
-)
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA
@@ -64,7 +57,7 @@ def run(
     suite = Suite.read(file)
     if dry_run:
         plan = suites.SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
-        show(plan, as_json, suites.tabulate_plan(plan))
+        render.show(plan, as_json, suites.tabulate_plan(plan))
         # Nothing was asked of a service, so that nothing can be judged.
         raise typer.Exit
     command, place = f"eigenfail suite run {file}", Plan(data, 0, workers)
@@ -86,22 +79,22 @@ def run_and_show(
         as_json: whether to print JSON.
     """
     with connect_for_suite(context, suite, url, plan) as (client, place):
-        ended = run_suite(client, suite, place.check, command)
+        ended = render.run_suite(client, suite, place.check, command)
         result = summarize_suite(client, suite)
-    show(result, as_json, *suites.describe_suite_result(result))
+    render.show(result, as_json, *suites.describe_suite_result(result))
     return ended, result, place
 
 
 @app.command("list")
 @prints_answer()
-def list_suites(client: Client, limit: Limit = 50) -> CommandResult:
+def list_suites(client: Client, limit: Limit = 50) -> render.CommandResult:
     """List the suites that a service knows, those with the newest campaigns first."""
-    return first_rows(client.suites.list(), limit, suites.tabulate_suites)
+    return render.first_rows(client.suites.list(), limit, suites.tabulate_suites)
 
 
 @app.command("show")
 @prints_answer()
-def show_suite(client: Client, suite: SuiteOrFile) -> CommandResult:
+def show_suite(client: Client, suite: SuiteOrFile) -> render.CommandResult:
     """Show the table of a suite as it stands.
 
     Of a file: all of its members, also those that have no campaign yet. Of a name: the newest
@@ -109,10 +102,10 @@ def show_suite(client: Client, suite: SuiteOrFile) -> CommandResult:
     """
     if suite.endswith(".toml") or Path(suite).is_file():
         result = summarize_suite(client, Suite.read(suite))
-        return CommandResult(result, *suites.describe_suite_result(result))
+        return render.CommandResult(result, *suites.describe_suite_result(result))
     with announce(f"Reading the results of {suite}"):
         found = client.suites.table(suite)
-    return CommandResult(found, *suites.describe_suite(found))
+    return render.CommandResult(found, *suites.describe_suite(found))
 
 
 def summarize_suite(client: Client, suite: Suite) -> suites.SuiteResult:
@@ -147,7 +140,7 @@ def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteR
         summary = summaries.get(campaign.id)
         if campaign.is_errored:
             # A suite that is run again takes up its campaigns where they stopped, also this one.
-            error = make_errored_error(campaign, summary)
+            error = render.make_errored_error(campaign, summary)
             again = "After fixing the cause, run the suite under a different name."
             raise ServiceError(error.problem, f"{error.remedy}. {again}")
-        judge(campaign, gate, summary)
+        render.judge(campaign, gate, summary)

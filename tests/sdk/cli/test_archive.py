@@ -18,6 +18,16 @@ def test_a_campaign_is_archived_and_restored(eigenfail, done):
     assert listed(eigenfail, "--json") == [done]
 
 
+def test_what_was_archived_before_an_error_is_told(eigenfail, done):
+    told = eigenfail("campaign", "archive", done, done, 99)
+    assert told.exit_code == 2
+    lines = told.stderr.splitlines()
+    assert lines[0] == f"Campaign {done} 'quick' is archived: lists omit it."
+    assert "99" in lines[-1]
+    assert len(lines) == 2
+    assert listed(eigenfail, "--json") == []
+
+
 def test_a_suite_keeps_its_archived_members(eigenfail, spec_file, store):
     asked = ("run", spec_file, "--seeds", 2)
     assert eigenfail(*asked).exit_code == 0

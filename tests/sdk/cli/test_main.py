@@ -42,6 +42,7 @@ def test_help_lists_every_command_and_loads_nothing_heavy():
         (["campaign", "archive", "-h"], ["campaign", "archive", "--help"]),
         (["help", "campaign", "archive"], ["campaign", "archive", "--help"]),
         (["version"], ["--version"]),
+        (["version", "--json"], ["--version"]),
     ],
 )
 def test_words_that_other_tools_have_for_help_and_version(runner, habit, same):

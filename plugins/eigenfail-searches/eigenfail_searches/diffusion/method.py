@@ -24,7 +24,7 @@ from eigenfail_services.methods.difs.settings import TrialMemory
 SMALLEST_SCALE_M = 1e-3
 
 SMALLEST_ELITE = 20
-"""Least number of trajectories in the elite: the least robust ones."""
+"""Least number of trajectories in the elite: the least robust, above the threshold, too."""
 
 FEWEST_MOVED = 5
 """With fewer moved trajectories in the elite, they have no half of it for themselves."""
@@ -94,8 +94,8 @@ class DiffusionSampling:
         Attributes:
             draws: number of random draws so far.
             exploits: number of calls of `exploit`.
-            threshold_m: robustness below which a trajectory is one of the elite; None: no round
-                yet. [m]
+            threshold_m: robustness at or below which a trajectory is one of the elite; None: no
+                round yet. It can fall below 0: then the elite are the severest failures. [m]
             scale_m: unit of the robustness that the network is given. [m]
             excess: excess that samples are asked to have.
         """

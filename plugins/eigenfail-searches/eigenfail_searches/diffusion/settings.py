@@ -21,9 +21,7 @@ STEPS_PER_JITTER = 20
 class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `diffusion`.
 
-    With more rounds the threshold falls further: more samples fail, in fewer ways. A larger
-    `excess_quantile` makes failures more frequent and less likely. A larger `moved_share` finds
-    more regions and fewer failures.
+    A larger `excess_quantile` makes failures more frequent and less likely.
     """
 
     rounds: Annotated[
@@ -77,7 +75,8 @@ class DiffusionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         int, Meta(ge=1, le=10_000, description="steps in which a trajectory is sampled")
     ] = 30
     memory: Annotated[
-        Amount, Meta(description="trajectories in memory; a full one drops the safest")
+        Amount,
+        Meta(description="trajectories in memory, and as many moved ones; the safest are dropped"),
     ] = 20_000
     device: Annotated[
         Literal["auto", "cpu", "cuda"],
@@ -101,8 +100,8 @@ class LabelledNoise(msgspec.Struct, frozen=True, eq=False):
         unseen: whether no noise was injected in a step, shape (n, horizon).
         condition: robustness ÷ scale, within 0 and `LARGEST_CONDITION`, shape (n,).
         excess: excess of the squared noise over p(x), shape (n,); see `compute_excess`.
-        weights: chance of each trajectory in the elite half of a batch, shape (n,). It is 0 for
-            those above the threshold.
+        weights: chance of each trajectory in the elite half of a batch, shape (n,). It is 0
+            outside the elite.
     """
 
     z: Floats
