@@ -139,7 +139,7 @@ ACTS: dict[str, tuple[Act, str]] = {
 
 
 def _make_command(act: Act) -> Callable[..., None]:
-    """Return the command that does it, and tells what has become of each campaign."""
+    """Return a command that acts on campaigns, and prints the state of each."""
 
     @prints_answer()
     def command(client: Client, campaigns: Ids) -> render.CommandResult:

@@ -24,10 +24,10 @@ from eigenfail_services.methods.difs.settings import TrialMemory
 SMALLEST_SCALE_M = 1e-3
 
 SMALLEST_ELITE = 20
-"""Least number of trajectories in the elite: the least robust, above the threshold, too."""
+"""Least size of the elite: the least robust trajectories fill it, also above the threshold."""
 
 FEWEST_MOVED = 5
-"""With fewer moved trajectories in the elite, they have no half of it for themselves."""
+"""With fewer moved trajectories in the elite, all of the elite have the same weight."""
 
 EXPLOITS = 2**32
 """First draw of `exploit`, so that exploitation does not change the draws of learning."""
@@ -39,8 +39,8 @@ MOVED = "moved."
 def move(z: Floats, random: np.random.Generator) -> Floats:
     """Shift each trajectory in time, and give each of its channels a random sign.
 
-    Each shift is uniform among all that are shorter than the trajectory. Steps that nothing is
-    shifted into get new draws. Noise from p(x) stays noise from p(x).
+    A shift is drawn uniformly from all shifts that keep at least one step. Steps without shifted
+    noise get new draws. Noise from p(x) stays noise from p(x).
 
     Args:
         z: shape (n, horizon, channels). [sigma]

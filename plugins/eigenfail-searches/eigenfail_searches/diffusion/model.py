@@ -35,7 +35,7 @@ LEVELS = 6
 """Three features of the robustness, three of the excess."""
 
 FEATURES = 4 + LEVELS
-"""Four features of the diffusion time, and those of robustness and excess."""
+"""Features of the diffusion time, the robustness and the excess."""
 
 WAVES, WIDTH_OF_TREND = 8, 32
 """Number of cosines of the trend in each channel, and width of its hidden layer."""
