@@ -26,7 +26,6 @@ from benchmarks.targets import TARGETS
 from benchmarks.truth import (
     action_length,
     channels,
-    difs_network,
     drive,
     eigenfailures,
     foreign_stacks,
@@ -185,7 +184,6 @@ TRIALS = [
     Trial(("analysis.planted.",), planted),
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
-    Trial(("difs.network.",), difs_network.find),
     *(
         Trial(
             (f"search.{place}.{name}.",),

@@ -21,12 +21,12 @@ TARGET = ">= 30"
 
 def measure() -> list[float]:
     """Time of the full sampler ÷ time of the default one, pair by pair, in this process."""
-    from eigenfail_services.methods.difs.model import DiffusionModel
+    from eigenfail_services.methods.difs.model import ConditionalDiffusion
     from eigenfail_services.methods.difs.settings import DifsSettings
 
     settings = DifsSettings(device="cpu")
     full = msgspec.structs.replace(settings, sampling_steps=1000)
-    models = [DiffusionModel(given, HORIZON, 2, 0) for given in (settings, full)]
+    models = [ConditionalDiffusion(given, HORIZON, 2, 0) for given in (settings, full)]
     for model in models:
         duration(model, draw=0)
     return [

@@ -44,7 +44,7 @@ CLASS_PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 DISTRIBUTION = "eigenfail"
 """The distribution whose entry points are eigenfail's own."""
 
-SEARCHES = ("annealing", "chains", "diffusion", "go_explore", "optuna")
+SEARCHES = ("annealing", "chains", "go_explore", "mixture_ce", "optuna")
 PACKAGES = {METHODS: dict.fromkeys(SEARCHES, "eigenfail-searches")}
 """The packages under plugins/ that bring plug-ins of these names, by group and name.
 

@@ -16,7 +16,7 @@ def make_difs(
 ) -> DiffusionFailureSampling:
     """A learner for noise of two channels."""
     nothing = np.zeros((0, horizon, 2), np.float32)
-    quick = {"first_steps": 20, "steps": 10, "device": "cpu"}
+    quick = {"first_steps": 20, "steps": 10, "width": 24, "device": "cpu"}
     return DiffusionFailureSampling(
         LearnerContext(0, episodes, horizon, nothing, experience=experience),
         read_settings(DiffusionFailureSampling.Settings, quick | settings, "settings"),
@@ -24,5 +24,5 @@ def make_difs(
 
 
 def noise_of(proposal: Proposal) -> np.ndarray:
-    """The noise of a proposal, shape (episodes, steps, channels)."""
-    return np.stack([source.z for source in proposal.sources])
+    """The noise of the samples of a proposal, shape (episodes, steps, channels)."""
+    return np.stack([source.z for source in proposal.sources if hasattr(source, "z")])

@@ -15,15 +15,15 @@ from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.learning import LearnerContext
 from eigenfail_searches.annealing import SimulatedAnnealing
 from eigenfail_searches.chains.method import FailureChains
-from eigenfail_searches.diffusion.method import DiffusionSampling
 from eigenfail_searches.go_explore import GoExplore
+from eigenfail_searches.mixture_ce.method import MixtureCrossEntropy
 from eigenfail_searches.optuna_search import OptunaSearch
 from eigenfail_services.campaigns.validation import check_spec
 
 METHODS = {
     "annealing": SimulatedAnnealing,
-    "diffusion": DiffusionSampling,
     "go_explore": GoExplore,
+    "mixture_ce": MixtureCrossEntropy,
     "optuna": OptunaSearch,
 }
 VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
@@ -40,11 +40,9 @@ class TestGoExplore(LearnerSuite):
     settings = MappingProxyType({"hold": 7, "round_size": 6})
 
 
-class TestDiffusionSampling(LearnerSuite):
-    method = DiffusionSampling
-    settings = MappingProxyType(
-        {"rounds": 5, "first_steps": 20, "steps": 10, "width": 16, "device": "cpu"}
-    )
+class TestMixtureCrossEntropy(LearnerSuite):
+    method = MixtureCrossEntropy
+    settings = MappingProxyType({"initial": 10, "round_size": 5})
 
 
 class TestParzenEstimator(LearnerSuite):
@@ -106,7 +104,7 @@ def test_no_method_has_the_place_of_another_in_charts():
 
 ON_ODD_PROBLEMS = {
     "annealing": {"hold": 2},
-    "diffusion": {"first_steps": 20, "steps": 10, "width": 16, "device": "cpu"},
+    "mixture_ce": {},
     "optuna": {"hold": 2},
 }
 

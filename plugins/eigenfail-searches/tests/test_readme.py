@@ -11,7 +11,7 @@ PLUGIN = Path(__file__).parents[1]
 TEXT = (PLUGIN / "README.md").read_text()
 
 
-@pytest.mark.parametrize("method", ["annealing", "chains", "diffusion", "go_explore", "optuna"])
+@pytest.mark.parametrize("method", ["annealing", "chains", "go_explore", "mixture_ce", "optuna"])
 def test_every_method_has_its_part_with_its_limits(method):
     part = TEXT.split(f"\n## `{method}`: ")[1].split("\n## ")[0]
     assert f"`{method}` gives no estimate of the probability" in part

@@ -1,30 +1,46 @@
-"""Denoiser of the diffusion model: a convolutional network over the steps of a trajectory."""
+"""The network of `difs`: it predicts how noised trajectories come from noise."""
 
-from math import ceil
+from math import ceil, pi, sqrt
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-MOST_POSITIONS = 33
+MOST_POSITIONS = 50
 """Number of positions of the convolutions: longer trajectories have several steps in each, so that
 training takes as long for a long episode as for a short one."""
 
-DILATIONS = (1, 4)
+DILATIONS = (1, 2, 4, 8)
 """Distances of the neighbours that the blocks see, in positions."""
 
-FEATURES = 7
-"""Four features of the diffusion time, three of the condition."""
+LEVELS = 6
+"""Three features of the robustness, three of the excess."""
+
+FEATURES = 4 + LEVELS
+"""Features of the diffusion time, the robustness and the excess."""
+
+WAVES, WIDTH_OF_TREND = 8, 32
+"""Number of cosines of the trend in each channel, and width of its hidden layer."""
+
+PLACES = 4
+"""Features of the place in time, the same for all trajectories."""
 
 
-def compute_features(angle: Tensor, condition: Tensor) -> Tensor:
-    """Return features of the diffusion time t and the condition r, shape (n, FEATURES).
-
-    The exponentials set failures, r = 0, apart from near failures.
-    """
+def compute_turns(angle: Tensor) -> Tensor:
+    """Return features of the diffusion time t, shape (n, 4)."""
     turns = [torch.sin(angle), torch.cos(angle), torch.sin(2 * angle), torch.cos(4 * angle)]
+    return torch.stack(turns, dim=1)
+
+
+def compute_levels(condition: Tensor, excess: Tensor) -> Tensor:
+    """Return features of the robustness and the excess, shape (n, LEVELS).
+
+    The exponentials set failures, robustness 0, apart from near failures.
+    """
     levels = [condition, torch.exp(-4.0 * condition), torch.exp(-16.0 * condition)]
-    return torch.stack(turns + levels, dim=1)
+    # An excess of 3 is rare under p(x), one of 30 is what noise of far failures has.
+    sizes = [torch.tanh(excess / 3.0), torch.tanh(excess / 10.0), excess / 30.0]
+    return torch.stack(levels + sizes, dim=1)
 
 
 class ResidualBlock(nn.Module):
@@ -39,14 +55,13 @@ class ResidualBlock(nn.Module):
     Args:
         width: width of the hidden values.
         dilation: distance of the neighbours. [positions]
-        features: number of the features.
     """
 
-    def __init__(self, width: int, dilation: int, features: int = FEATURES) -> None:
+    def __init__(self, width: int, dilation: int) -> None:
         super().__init__()
         self._dilation = dilation
         self.convolution = nn.Linear(3 * width, width)
-        self.modulation = nn.Linear(features + width, 2 * width)
+        self.modulation = nn.Linear(FEATURES + width, 2 * width)
         self.projection = nn.Linear(width, width)
 
     def forward(self, hidden: Tensor, features: Tensor) -> Tensor:
@@ -62,15 +77,44 @@ class ResidualBlock(nn.Module):
         return hidden + change
 
 
-class Denoiser(nn.Module):
-    """v(x_t, t, r) = -sin(t) · m + trust · correction(x_t, t, r, m), zero before training.
+class Trend(nn.Module):
+    """A mean m of the noise that varies slowly in time, given robustness and excess.
 
-    For a standard normal v is zero, so that the untrained network samples the prior exactly; for a
-    normal with mean m, v = -sin(t) · m exactly. The first term is that mean, of the component of
-    the mixture for which a sample is drawn. The second term learns what the mixture does not
-    explain: widths, pushes at varying times, the dependence on robustness. Its weights are the same
-    at all positions, so that a few dozen trajectories suffice. `trust` is the extent to which it
-    holds for held-out trajectories.
+    It is a sum of cosines in each channel, whose amplitudes a small network computes; zero before
+    training. Failures that need a little noise for seconds have such a mean. Convolutions alone
+    learn it too slowly to find them.
+
+    Args:
+        horizon: number of steps of a trajectory.
+        channels: number of channels of the noise.
+    """
+
+    waves: Tensor
+
+    def __init__(self, horizon: int, channels: int) -> None:
+        super().__init__()
+        self._channels = channels
+        at = (torch.arange(horizon) + 0.5) / horizon
+        cosines = [torch.cos(pi * number * at) for number in range(1, WAVES)]
+        waves = [torch.ones(horizon), *(sqrt(2.0) * each for each in cosines)]
+        self.register_buffer("waves", torch.stack(waves, dim=1))
+        self.first = nn.Linear(LEVELS, WIDTH_OF_TREND)
+        self.last = nn.Linear(WIDTH_OF_TREND, WAVES * channels)
+        for parameter in self.last.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, levels: Tensor) -> Tensor:
+        """Return m, shape (n, horizon · channels), for features of shape (n, LEVELS)."""
+        amplitudes = self.last(functional.silu(self.first(levels)))
+        mean: Tensor = self.waves @ amplitudes.view(len(levels), WAVES, self._channels)
+        return mean.flatten(1)
+
+
+class ConditionalDenoiser(nn.Module):
+    """v(x_t, t, robustness, excess) = -sin(t) · m + convolutions over time, zero before training.
+
+    For a standard normal v is zero, so that the untrained network samples the prior exactly. For
+    a normal of unit variance with the mean m, which is the trend, v = -sin(t) · m exactly.
 
     Args:
         horizon: number of steps of a trajectory.
@@ -78,36 +122,32 @@ class Denoiser(nn.Module):
         width: width of the hidden layers.
     """
 
-    trust: Tensor
+    places: Tensor
 
     def __init__(self, horizon: int, channels: int, width: int) -> None:
         super().__init__()
-        self.register_buffer("trust", torch.zeros(()))
-        self._steps = ceil(horizon / MOST_POSITIONS)
-        self._positions = ceil(horizon / self._steps)
-        self._size = self._steps * channels
-        self.first = nn.Linear(2 * self._size, width)
-        self.blocks = nn.ModuleList([ResidualBlock(width, dilation) for dilation in DILATIONS])
+        steps = ceil(horizon / MOST_POSITIONS)
+        self._positions = ceil(horizon / steps)
+        self._size = steps * channels
+        at = torch.linspace(0.0, pi, self._positions)
+        waves = [torch.sin(at), torch.cos(at), torch.sin(2 * at), torch.cos(2 * at)]
+        self.register_buffer("places", torch.stack(waves, dim=1))
+        self.first = nn.Linear(self._size + PLACES, width)
+        self.blocks = nn.ModuleList([ResidualBlock(width, each) for each in DILATIONS])
         self.last = nn.Linear(width, self._size)
+        self.trend = Trend(horizon, channels)
         for parameter in self.last.parameters():
             nn.init.zeros_(parameter)
 
-    def forward(self, x: Tensor, angle: Tensor, condition: Tensor, mean: Tensor) -> Tensor:
-        """Return v, x and mean of shape (n, size), for angle and condition of shape (n,)."""
-        corrected = self.correct(x, angle, condition, mean)
-        return self.trust * corrected - torch.sin(angle)[:, None] * mean
-
-    def correct(self, x: Tensor, angle: Tensor, condition: Tensor, mean: Tensor) -> Tensor:
-        """Return the correction, shape (n, size); arguments as of `forward`."""
-        away = x - torch.cos(angle)[:, None] * mean
-        hidden = self.first(torch.cat([self._divide(away), self._divide(mean)], dim=2))
-        features = compute_features(angle, condition)
+    def forward(self, x: Tensor, angle: Tensor, condition: Tensor, excess: Tensor) -> Tensor:
+        """Return v, shape (n, size) as x, for vectors of shape (n,)."""
+        missing = self._positions * self._size - x.shape[1]
+        steps = functional.pad(x, (0, missing)).view(len(x), self._positions, self._size)
+        hidden = self.first(torch.cat([steps, self.places.expand(len(x), -1, -1)], dim=2))
+        levels = compute_levels(condition, excess)
+        features = torch.cat([compute_turns(angle), levels], dim=1)
         for block in self.blocks:
             hidden = block(hidden, features)
-        correction: Tensor = self.last(functional.silu(hidden))
-        return correction.flatten(1)[:, : x.shape[1]]
-
-    def _divide(self, x: Tensor) -> Tensor:
-        """Return x by position, shape (n, positions, steps · channels), with zeros at the end."""
-        missing = self._positions * self._size - x.shape[1]
-        return functional.pad(x, (0, missing)).view(len(x), self._positions, -1)
+        local: Tensor = self.last(functional.silu(hidden)).flatten(1)[:, : x.shape[1]]
+        mean: Tensor = self.trend(levels)
+        return local - torch.sin(angle)[:, None] * mean

@@ -119,7 +119,7 @@ def test_the_adversary_of_a_function_remembers_its_last_noise():
 
 def test_difs_samples_failures_far_more_often_than_the_prior_and_in_their_direction():
     problem = HalfSpace(1e-3, turning(8))
-    _, results = run_search(problem, "difs", 240, first_steps=100, steps=30)
+    _, results = run_search(problem, "difs", 600, first_steps=100, steps=60)
     sampled = results[-60:]
     assert failure_rate(sampled) >= 50 * problem.probability
     assert cosine(mean_noise(sampled), problem.direction) >= 0.75

@@ -1,21 +1,36 @@
-"""The mixture that DiFS knows in closed form: fitted to modes, sampled, kept in the state."""
+"""`mixture_ce`: its mixture fitted to modes and sampled, its elite, and its rounds."""
 
 import numpy as np
 import pytest
-from difs_learners import make_difs, noise_of
 
-from eigenfail_services.methods.difs.model import DiffusionModel
-from eigenfail_services.methods.difs.modes import (
+from eigenfail.errors import ProtocolError
+from eigenfail.settings import read_settings
+from eigenfail.values.episode import PriorSource
+from eigenfail.values.learning import LearnerContext
+from eigenfail_searches.mixture_ce.elite import has_elites, select_elite
+from eigenfail_searches.mixture_ce.method import MixtureCrossEntropy
+from eigenfail_searches.mixture_ce.modes import (
     Mixture,
     fit_mixture,
     make_prior_mixture,
     prepare_elite,
 )
-from eigenfail_services.methods.difs.settings import DifsSettings
+from eigenfail_searches.mixture_ce.settings import MixtureSettings
+from eigenfail_services.methods.difs.trials import TrialMemory
 
 SHARES = np.array([0.3, 0.7])
 MEANS = np.array([[3.0, 0.0, -1.0, 2.0], [-2.0, 1.0, 0.0, 0.0]])
 HORIZON = 2
+
+
+def make_learner(episodes=100, horizon=5, **settings):
+    nothing = np.zeros((0, horizon, 2), np.float32)
+    given = read_settings(MixtureSettings, settings, "settings")
+    return MixtureCrossEntropy(LearnerContext(0, episodes, horizon, nothing), given)
+
+
+def noise_of(proposal):
+    return np.stack([source.z for source in proposal.sources])
 
 
 def seen(z):
@@ -26,18 +41,18 @@ def fitted(z, shift=0, unseen=None):
     return fit_mixture(prepare_elite(z, seen(z) if unseen is None else unseen, shift), most=4)
 
 
-@pytest.mark.parametrize("steps", [1, 20])
-@pytest.mark.parametrize("guidance", [0.0, -0.5])
-def test_a_known_mixture_is_sampled_with_its_shares_means_and_covariance(steps, guidance):
-    settings = DifsSettings(device="cpu", sampling_steps=steps)
-    model = DiffusionModel(settings, HORIZON, 2, 0)
-    model.mixture = Mixture(SHARES, MEANS)
-    z = model.sample(np.zeros(8_000, np.float32), guidance, draw=1).reshape(-1, 2 * HORIZON)
-    means = (1.0 + guidance) * MEANS
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_a_known_mixture_is_sampled_with_its_shares_scaled_means_and_covariance(scale):
+    learner = make_learner(horizon=HORIZON, scale=scale)
+    learner._mixture = Mixture(SHARES, MEANS)
+    z = noise_of(learner.exploit(8_000))
+    assert z.dtype == np.float32
+    means = scale * MEANS
     centre = SHARES @ means
     apart = means - centre
-    np.testing.assert_allclose(z.mean(axis=0), centre, atol=0.04)
-    np.testing.assert_allclose(np.cov(z.T), np.eye(4) + (SHARES * apart.T) @ apart, atol=0.08)
+    flat = z.reshape(-1, 2 * HORIZON)
+    np.testing.assert_allclose(flat.mean(axis=0), centre, atol=0.04)
+    np.testing.assert_allclose(np.cov(flat.T), np.eye(4) + (SHARES * apart.T) @ apart, atol=0.08)
 
 
 @pytest.mark.parametrize("count", [1, 7, 1000])
@@ -124,7 +139,7 @@ def test_before_training_there_is_the_prior_alone():
 
 def trained(episode):
     """A learner that has seen two kinds of noise, each with the same robustness."""
-    random, one = np.random.default_rng(1), make_difs(initial_share=0.2)
+    random, one = np.random.default_rng(1), make_learner(initial=20)
     one.propose(100)
     sides = np.where(np.arange(20) % 2, 2.0, -2.0)
     noise = random.standard_normal((20, 5, 2)) + sides[:, None, None]
@@ -133,9 +148,9 @@ def trained(episode):
 
 
 def test_samples_are_shared_among_the_modes_and_a_restored_learner_goes_on(episode):
-    one, other = trained(episode), make_difs(initial_share=0.2)
+    one, other = trained(episode), make_learner(initial=20)
     other.restore(one.state())
-    np.testing.assert_array_equal(other._model.mixture.means, one._model.mixture.means)
+    np.testing.assert_array_equal(other._mixture.means, one._mixture.means)
     proposed = noise_of(one.propose(10))
     np.testing.assert_array_equal(proposed, noise_of(other.propose(10)))
     assert np.count_nonzero(proposed.mean(axis=(1, 2)) > 0.0) == 5
@@ -149,7 +164,7 @@ def test_samples_are_shared_among_the_modes_and_a_restored_learner_goes_on(episo
 def test_at_robustness_zero_only_the_modes_that_have_failed_are_sampled(episode):
     one = trained(episode)
     one.observe([episode(np.full((5, 2), -2.0))])
-    assert len(one._model.mixture.shares) == 2
+    assert len(one._mixture.shares) == 2
     assert (noise_of(one.exploit(6)).mean(axis=(1, 2)) < 0.0).all()
     assert np.count_nonzero(noise_of(one.propose(10)).mean(axis=(1, 2)) > 0.0) == 5
 
@@ -159,8 +174,76 @@ def test_once_the_elite_are_failures_no_more_modes_are_sought(episode):
     sides = np.where(np.arange(40) % 2, 2.0, -2.0)
     noise = random.standard_normal((40, 5, 2)) + sides[:, None, None]
     for robustness in (1.0, 0.0):
-        one = make_difs(initial_share=0.2)
+        one = make_learner(initial=20)
         one.propose(100)
         one.observe([episode(z, robustness) for z in noise])
-        found.append(len(one._model.mixture.shares))
+        found.append(len(one._mixture.shares))
     assert found == [2, 1]
+
+
+def test_means_are_averaged_over_neighbouring_steps():
+    z = np.zeros((10, 30, 2))
+    z[:, 2] = 3.0
+    mean = fitted(z, shift=1).means.reshape(30, 2)[:, 0]
+    assert mean.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, *[0.0] * 26])
+
+
+def keep(episode, robustness):
+    trials = TrialMemory(6, 2, memory=100)
+    trials.add([episode(np.ones((6, 2)), r) for r in robustness])
+    return trials
+
+
+def test_the_elite_are_the_least_robust_and_later_the_likelier_failures(episode):
+    def select(count, likely_share):
+        alike = np.zeros(len(trials), np.intp)
+        return sorted(select_elite(trials, count, likely_share, alike).tolist())
+
+    trials = keep(episode, (3.0, 1.0, 2.0, 4.0))
+    assert select(2, 0.5) == [1, 2]
+    trials.add([episode(np.full((6, 2), size)) for size in (3.0, 1.0, 2.0, 4.0, 1.5, 2.5)])
+    assert select(2, 0.5) == [6, 8]
+    assert select(2, 0.3) == [5, 8]
+    assert select(2, 1.0) == [8, 9]
+
+
+def test_every_kind_has_its_elite_until_the_others_have_failed_long_enough(episode):
+    trials = keep(episode, [0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 4.0, 6.0])
+    kinds = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    assert select_elite(trials, 4, 1.0, kinds).tolist() == [3, 4, 6, 5]
+    assert not has_elites(trials, 4, kinds)
+    trials.add([episode(np.ones((6, 2)), 0.0)] * 3)
+    given_up = np.append(kinds, [0, 0, 0])
+    assert select_elite(trials, 4, 1.0, given_up).tolist() == [4, 8, 9, 10]
+    assert has_elites(trials, 4, given_up)
+    both = np.append(kinds, [1, 1, 0])
+    assert select_elite(trials, 4, 1.0, both).tolist() == [4, 10, 8, 9]
+    assert has_elites(trials, 4, both)
+
+
+def test_draws_from_the_prior_come_first_and_then_rounds_of_the_mixture(episode):
+    learner, sizes = make_learner(episodes=1000), []
+    for _ in range(3):
+        sources = learner.propose(1000).sources
+        sizes.append((len(sources), isinstance(sources[0], PriorSource)))
+        learner.observe([episode(np.ones((5, 2)), 1.0) for _ in sources])
+    assert sizes == [(80, True), (40, False), (40, False)]
+
+
+def test_the_scale_falls_while_more_fail_than_aimed_at_and_rises_again(episode):
+    learner, seen = make_learner(elite=4, target_rate=0.5, scale=1.0), []
+    for failed in (0, 10, 0):
+        for _ in range(3):
+            count = len(learner.propose(10).sources)
+            learner.observe(
+                [episode(np.ones((5, 2)), 0.0 if i < failed else 5.0) for i in range(count)]
+            )
+        seen.append(learner._facts.scale)
+    assert seen[0] == 1.0
+    assert seen[1] < 1.0
+    assert seen[1] < seen[2]
+
+
+def test_a_state_of_another_horizon_is_refused():
+    with pytest.raises(ProtocolError, match="should have shape"):
+        make_learner(horizon=5).restore(make_learner(horizon=6).state())

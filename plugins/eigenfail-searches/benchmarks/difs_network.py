@@ -1,4 +1,4 @@
-"""Figures: what a diffusion network finds beside the mixture of `difs` without its network.
+"""Figures: what the network of `difs` finds beside a mixture of normals, `mixture_ce`.
 
 Functions are pushes of ten steps in one of two channels, over 100 steps: in any of four windows, or
 at any time. After a campaign each model draws samples at robustness 0.
@@ -100,12 +100,11 @@ SCENARIOS: Mapping[str, Mapping[str, Any]] = {
         "importance": MeasureLimit(measure="min_ttc_s", at_least=0.0),
     },
 }
-MODELS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
-    "network": ("diffusion", {}),
-    "mixture": ("difs", {"first_steps": 0, "steps": 0}),
-    "difs": ("difs", {}),
+MODELS = {
+    "network": "difs",
+    "mixture": "mixture_ce",
 }
-"""The network alone, the mixture alone (of at most four normals), and both."""
+"""Methods with their default settings: a conditional network, and at most four normals."""
 
 CALLS, EPISODES, SAMPLED, SEEDS = 5000, 1000, 300, 5
 UNSEEN = 600
@@ -138,11 +137,11 @@ def compare(place: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Fig
         given = [place] * SEEDS, [model] * SEEDS, range(first, first + SEEDS)
         runs = pool.each(sample_place, *given)
         failures[model] = median(run.failures for run in runs)
-        yield from describe(f"diffusion.{place}.{model}", place, runs)
+        yield from describe(f"difs.{place}.{model}", place, runs)
     ratio = failures["network"] / failures["mixture"] if failures["mixture"] else None
     note = f"medians of {SEEDS} seeds: {failures['network']:g} and {failures['mixture']:g}"
     figure = Figure(value=ratio, unit="ratio", n=SEEDS, command=COMMAND, note=note)
-    yield f"diffusion.{place}.gain", figure
+    yield f"difs.network_gain.{place}", figure
 
 
 def describe(prefix: str, place: str, runs: list[Samples]) -> Iterator[tuple[str, Figure]]:
@@ -160,13 +159,11 @@ def describe(prefix: str, place: str, runs: list[Samples]) -> Iterator[tuple[str
 
 def sample_place(place: str, model: str, seed: int) -> Samples:
     """Run a campaign, and sample its model."""
-    method, settings = MODELS[model]
     spec = CampaignSpec(
         name=place,
-        method=method,
+        method=MODELS[model],
         episodes=CALLS if place in FUNCTIONS else EPISODES,
         seed=seed,
-        settings=dict(settings),
         **({} if place in FUNCTIONS else SCENARIOS[place]),
     )
     return sample_function(spec) if place in FUNCTIONS else sample_scenario(spec)
@@ -201,16 +198,17 @@ def sample_scenario(spec: CampaignSpec) -> Samples:
 
 
 TRIALS = tuple(
-    ((f"diffusion.{place}.",), partial(compare, place)) for place in (*FUNCTIONS, *SCENARIOS)
+    ((f"difs.{place}.", f"difs.network_gain.{place}"), partial(compare, place))
+    for place in (*FUNCTIONS, *SCENARIOS)
 )
 TARGETS = {
-    "diffusion.any_time.network.regions": Target(low=15.0),
+    "difs.any_time.network.regions": Target(low=15.0),
     **{
-        f"diffusion.{place}.gain": Target(low=2.0)
+        f"difs.network_gain.{place}": Target(low=2.0)
         for place in ("any_time", "four_windows", "merge_in")
     },
     **{
-        f"diffusion.{place}.network.mean_square_z": Target(high=1.5)
+        f"difs.{place}.network.mean_square_z": Target(high=1.5)
         for place in ("any_time", "four_windows", "cut_in")
     },
 }

@@ -1,4 +1,4 @@
-"""`diffusion`: its rounds, its network against closed forms, and failures in several regions."""
+"""The network of DiFS against closed forms, moved samples, and failures in several regions."""
 
 from statistics import NormalDist
 
@@ -9,11 +9,12 @@ from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail.values.learning import LearnerContext
-from eigenfail_searches.diffusion.method import DiffusionSampling, move, weigh_elite
-from eigenfail_searches.diffusion.model import ConditionalDiffusion
-from eigenfail_searches.diffusion.settings import DiffusionSettings, LabelledNoise, compute_excess
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.difs.model import ConditionalDiffusion
+from eigenfail_services.methods.difs.settings import DifsSettings
+from eigenfail_services.methods.difs.trials import LabelledNoise, compute_excess, move, weigh_elite
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS, NORMAL = 40, NormalDist()
@@ -21,13 +22,13 @@ STEPS, NORMAL = 40, NormalDist()
 
 def make_learner(episodes, **settings):
     nothing = np.zeros((0, STEPS, 2), np.float32)
-    given = read_settings(DiffusionSettings, {"device": "cpu", **settings}, "settings")
-    return DiffusionSampling(LearnerContext(1, episodes, STEPS, nothing), given)
+    given = read_settings(DifsSettings, {"device": "cpu", **settings}, "settings")
+    return DiffusionFailureSampling(LearnerContext(1, episodes, STEPS, nothing), given)
 
 
 def make_model(**settings):
     given = {"width": 24, "jitter": 0, "device": "cpu", "ema": 0.98, **settings}
-    return ConditionalDiffusion(DiffusionSettings(**given), STEPS, 2, seed=0)
+    return ConditionalDiffusion(DifsSettings(**given), STEPS, 2, seed=0)
 
 
 def make_examples(z, condition=None, excess=None):
@@ -40,6 +41,10 @@ def make_examples(z, condition=None, excess=None):
         excess=nothing if excess is None else excess,
         weights=np.full(count, 1.0 / count),
     )
+
+
+def train(model, examples, steps):
+    model.train(examples, steps, elite_share=0.5, draw=1)
 
 
 def noise_of(proposal):
@@ -74,8 +79,8 @@ def test_network_learns_how_noise_depends_on_robustness():
     z = random.standard_normal((200, STEPS, 2))
     z[:100, :10, 0] += 2.0
     condition = np.repeat([0.0, 1.0], 100).astype(np.float32)
-    model = make_model(first_steps=400)
-    model.train(make_examples(z, condition), draw=1)
+    model = make_model()
+    train(model, make_examples(z, condition), 400)
     near, far = (
         model.sample(np.full(500, at, np.float32), 0.0, draw=2)[:, :10, 0].mean() for at in (0, 1)
     )
@@ -87,8 +92,8 @@ def test_network_asked_for_less_excess_samples_likelier_noise():
     random = np.random.default_rng(0)
     z = random.standard_normal((400, STEPS, 2)) * np.repeat([1.0, 1.6], 200)[:, None, None]
     excess = compute_excess(z.astype(np.float32), np.zeros((400, STEPS), bool))
-    model = make_model(first_steps=400)
-    model.train(make_examples(z, excess=excess), draw=1)
+    model = make_model()
+    train(model, make_examples(z, excess=excess), 400)
     little, much = (
         (model.sample(np.zeros(300, np.float32), wanted, draw=2) ** 2).mean()
         for wanted in (0.0, float(excess[200:].mean()))
@@ -101,8 +106,8 @@ def test_network_learns_a_mean_that_varies_slowly_in_time():
     """A push of 0.5 sigma over half of the episode, from 300 trajectories of noise of 1 sigma."""
     z = np.random.default_rng(0).standard_normal((300, STEPS, 2))
     z[:, : STEPS // 2, 1] += 0.5
-    model = make_model(first_steps=300)
-    model.train(make_examples(z), draw=1)
+    model = make_model()
+    train(model, make_examples(z), 300)
     mean = model.sample(np.zeros(2000, np.float32), 0.0, draw=2).mean(axis=0)
     assert mean[: STEPS // 2, 1].mean() == pytest.approx(0.5, abs=0.15)
     assert mean[STEPS // 2 :, 1].mean() == pytest.approx(0.0, abs=0.15)
@@ -156,7 +161,7 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
 
     regions = []
     for share in (0.0, 0.3):
-        learner = make_learner(1500, width=24, rounds=12, steps=100, moved_share=share)
+        learner = make_learner(1500, width=24, round_size=125, steps=100, moved_share=share)
         engine = FunctionEngine(of_batch(lambda z: 4.0 - np.abs(sum_pushes(z)).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 5, 1500), engine))
         sums = sum_pushes(noise_of(learner.exploit(300)).astype(np.float64))
@@ -176,7 +181,7 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
 
 
 def test_moved_samples_are_kept_apart_whichever_episodes_err():
-    learner = make_learner(40, rounds=2, moved_share=0.5, first_steps=2, steps=2)
+    learner = make_learner(40, round_size=20, moved_share=0.5, first_steps=2, steps=2)
     engine = FunctionEngine(
         of_batch(lambda z: np.where(z[:, 0, 0] > 0.0, np.nan, 3.0 - z[:, 1, 0])), STEPS
     )
@@ -188,8 +193,8 @@ def test_moved_samples_are_kept_apart_whichever_episodes_err():
     assert [isinstance(one, PriorSource) for one in sources] == [True] * 4 + [False] * 16
     kept = [each.noise.z for each in results[-8:] if each.measures is not None]
     assert 0 < len(kept) < 8
-    facts = DiffusionSampling._Facts
-    arrays = archive.read("diffusion", learner.state(), facts)[1]
+    facts = DiffusionFailureSampling._Facts
+    arrays = archive.read("difs", learner.state(), facts)[1]
     np.testing.assert_array_equal(arrays["moved.z"], np.stack(kept))
 
 
@@ -197,32 +202,35 @@ def test_a_state_in_the_middle_restores_what_is_learnt_later():
     engine = FunctionEngine(of_batch(lambda z: 1.5 - z[:, 0, 0]), STEPS)
     ends = []
     for stops in (False, True):
-        learner = make_learner(60, rounds=6, first_steps=5, steps=5)
+        learner = make_learner(60, round_size=10, first_steps=5, steps=5)
         for first in range(0, 60, 10):
             sources = learner.propose(10).sources
             tasks = [EpisodeTask(first + i, first + i, each) for i, each in enumerate(sources)]
             learner.observe(list(engine.run(tasks)))
             if stops:
-                state, learner = learner.state(), make_learner(60, rounds=6, first_steps=5, steps=5)
+                state, learner = (
+                    learner.state(),
+                    make_learner(60, round_size=10, first_steps=5, steps=5),
+                )
                 learner.restore(state)
         ends.append(noise_of(learner.exploit(5)))
     np.testing.assert_array_equal(*ends)
 
 
 def test_first_round_is_from_the_prior_and_a_fifth_of_each_later_one():
-    learner = make_learner(80, rounds=4, first_steps=5, steps=5)
+    learner = make_learner(160, round_size=20, first_steps=5, steps=5)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
     rounds = Rounds(learner, 1, 80)
     list(run_in_process(rounds, engine))
     sources = learner.propose(20).sources
     assert sum(isinstance(one, PriorSource) for one in sources) == 4
     assert len(learner.propose(100).sources) == 20, "a round"
-    fresh = make_learner(80, rounds=4)
+    fresh = make_learner(80, round_size=20)
     assert fresh.propose(20).sources == (PriorSource(),) * 20
 
 
 @pytest.mark.parametrize(
-    ("episodes", "sizes"), [(100, [7] * 14 + [2]), (20, [2] * 10), (5, [1] * 5)]
+    ("episodes", "sizes"), [(620, [42] * 14 + [32]), (200, [40] * 5), (20, [5] * 4), (5, [2, 2, 1])]
 )
 def test_rounds_are_at_most_fifteen(episodes, sizes):
     learner = make_learner(episodes, first_steps=1, steps=1)
@@ -242,7 +250,7 @@ def test_rounds_are_at_most_fifteen(episodes, sizes):
 
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
 def test_samples_stay_finite_whatever_share_of_the_first_round_fails(share):
-    learner = make_learner(60, rounds=3, first_steps=20, steps=10)
+    learner = make_learner(60, round_size=20, first_steps=20, steps=10)
     border = -NORMAL.inv_cdf(share) if 0.0 < share < 1.0 else (9.0 if share == 0.0 else -9.0)
     engine = FunctionEngine(of_batch(lambda z: 1e4 * (border - z[:, 0, 0])), STEPS)
     list(run_in_process(Rounds(learner, 1, 60), engine))
@@ -252,7 +260,7 @@ def test_samples_stay_finite_whatever_share_of_the_first_round_fails(share):
 
 
 def test_rounds_of_draws_from_the_prior_alone_go_on():
-    learner = make_learner(20, rounds=20, prior_share=0.9, first_steps=1, steps=1)
+    learner = make_learner(40, round_size=1, prior_share=0.9, first_steps=1, steps=1)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
     assert len(list(run_in_process(Rounds(learner, 1, 20), engine))) == 20
     assert learner.propose(1).sources == (PriorSource(),)
@@ -262,7 +270,7 @@ def test_smaller_excess_quantile_gives_likelier_noise():
     squares = []
     for quantile in (0.05, 0.95):
         learner = make_learner(
-            600, width=24, rounds=8, steps=100, excess_quantile=quantile, first_steps=300
+            600, width=24, round_size=75, steps=100, excess_quantile=quantile, first_steps=300
         )
         engine = FunctionEngine(of_batch(lambda z: 2.0 - sum_windows(z).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 3, 600), engine))
@@ -273,7 +281,7 @@ def test_smaller_excess_quantile_gives_likelier_noise():
 def test_exploitation_does_not_change_what_is_learnt():
     runs = []
     for exploits in (0, 2):
-        learner = make_learner(60, rounds=3, first_steps=5, steps=5)
+        learner = make_learner(60, round_size=20, first_steps=5, steps=5)
         engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
         list(run_in_process(Rounds(learner, 1, 60), engine))
         for _ in range(exploits):
@@ -294,7 +302,7 @@ def sum_windows(z):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_failures_in_several_regions_are_found_and_stay_likely(seed):
     """Each of four windows fails with a probability of 1.3e-3 under p(x)."""
-    learner = make_learner(2000, width=32, rounds=10, steps=150)
+    learner = make_learner(2000, width=32, round_size=200, steps=150)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - sum_windows(z).max(axis=1)), STEPS)
     list(run_in_process(Rounds(learner, seed, 2000), engine))
     z = noise_of(learner.exploit(300)).astype(np.float64)

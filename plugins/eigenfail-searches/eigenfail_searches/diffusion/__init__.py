@@ -1,1 +1,0 @@
-"""Failures sampled with a conditional diffusion network."""
