@@ -141,11 +141,10 @@ are for this seed alone: a row is one campaign.
 - **Fixed before the runs**: the programme (`PROGRAMMES` in `programme.py` of the
   [plug-in](../plugins/eigenfail-reproduction/README.md)), the statements and the rule of the
   verdicts, after a trial with few episodes and another seed. In a first run searches followed the
-  distance, and the evaluations of DiFS had no failure in 700 draws. Two changes were made in trials
-  with the seeds 11 and 12, and all campaigns were run again: searches follow the time to collision,
-  and `difs_paper` weighs its condition by 2. The paper does not give this weight; our default,
-  0.15, found no failure. One rule came later: a setting cannot be asked about if its campaigns have
-  the same failures.
+  distance, and an earlier `difs` had no failure in 700 draws. In trials with the seeds 11 and 12
+  searches were made to follow the time to collision, and all campaigns were run again. Two changes
+  came later. A setting cannot be asked about if its campaigns have the same failures. The campaigns
+  of `difs` were run once more with the present `difs`.
 - **Steps**: an episode has 420 steps of 0.1 s. This number cannot be set. The paper does not give
   the number of its steps.
 - **Seeds**: {first} to {last}, and 1000 more in evaluations. The first seed runs all campaigns with

@@ -137,8 +137,9 @@ READING = """\
 - `ast_paper` has the settings of the paper's main runs: alpha 5,000, c_dist 1,000, tau 0.001,
   learning rate 3e-4, batch size 16, buffer size 10,000. It takes four gradient steps for each
   decision; the paper does not give this number.
-- `difs` has our defaults. `difs_paper` has the paper's schedule, and weighs its condition by 2; the
-  paper does not give this number. It was chosen in trials with the seeds 11 and 12 and 100 steps.
+- `difs` has our defaults. `difs_paper` has the paper's schedule, and takes 1,000 gradient steps in
+  each of its two trainings; the paper does not give this number. It was chosen in trials with the
+  seeds 11 and 12 and 100 steps.
 """
 
 SETTINGS = {

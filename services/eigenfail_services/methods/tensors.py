@@ -81,8 +81,10 @@ def load_adam(prefix: str, optimizer: torch.optim.Adam, arrays: Arrays) -> None:
         if f"{prefix}.{i}.step" not in arrays:
             continue
         moments = {key: torch.zeros_like(parameter) for key in ("exp_avg", "exp_avg_sq")}
-        # Before its first step Adam has no state: it is made as Adam would make it.
-        optimizer.state[parameter] = {"step": torch.zeros(()), **moments}
+        # Before its first step Adam has no state: it is made as Adam would make it. A fused one
+        # counts its steps where the parameter is.
+        counter = torch.zeros((), device=parameter.device if _is_fused(optimizer) else "cpu")
+        optimizer.state[parameter] = {"step": counter, **moments}
         for key, value in optimizer.state[parameter].items():
             copy_into(value, arrays, f"{prefix}.{i}.{key}")
 
@@ -104,6 +106,10 @@ def all_finite(tensors: Iterator[torch.Tensor]) -> bool:
 
 def _parameters(optimizer: torch.optim.Adam) -> list[torch.Tensor]:
     return list(chain.from_iterable(group["params"] for group in optimizer.param_groups))
+
+
+def _is_fused(optimizer: torch.optim.Adam) -> bool:
+    return any(group.get("fused") for group in optimizer.param_groups)
 
 
 def _array(tensor: torch.Tensor) -> Array:

@@ -65,15 +65,15 @@ def test_rules_on_time_are_not_of_rounds(stop, told):
     [
         (spec(round_size=7), RoundPace(7, 7, 1, "settings.round_size")),
         (spec("ast"), RoundPace(10, 10, 1, "settings.round_size")),
-        (spec("difs"), RoundPace(80, 40, 0, "settings.round_size")),
-        (spec("difs", final_share=0.3), RoundPace(80, 300, 0, "settings.round_size")),
+        (spec("difs"), RoundPace(67, 67, 0, "settings.round_size")),
+        (spec("difs", final_share=0.3), RoundPace(67, 300, 0, "settings.round_size")),
         (
             spec("ensemble", method="cem", members=2, settings={"batch": 5}),
             RoundPace(5, 5, 0, "settings.settings.batch"),
         ),
         (
             spec("ensemble", method="difs", members=2),
-            RoundPace(80, 20, 0, "settings.settings.round_size"),
+            RoundPace(40, 40, 0, "settings.settings.round_size"),
         ),
     ],
     ids=lambda given: getattr(given, "method", ""),

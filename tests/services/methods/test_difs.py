@@ -9,24 +9,25 @@ from eigenfail.errors import LearnerDiverged, ProtocolError
 from eigenfail.values.episode import Outcome, PriorSource, TrajectorySource
 from eigenfail.values.learning import Experience
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.difs.settings import DifsSettings, make_plan
 
 
 def course(learner, episode, episodes):
-    """The kinds and sizes of the rounds, each episode of another robustness."""
-    kinds, left = [], episodes
+    """How many of each round are from the prior, and how many are samples."""
+    rounds, left = [], episodes
     while left:
         sources = learner.propose(left).sources
-        kinds.append((type(sources[-1]), len(sources)))
+        drawn = sum(isinstance(each, PriorSource) for each in sources)
+        rounds.append((drawn, len(sources) - drawn))
         left -= len(sources)
         learner.observe([episode(np.zeros((5, 2)), 2.0 + i) for i in range(len(sources))])
-    return kinds
+    return rounds
 
 
 def test_goes_from_the_prior_over_rounds_to_samples_at_robustness_zero(episode):
     learner = make_difs(initial_share=0.3, final_share=0.25, round_size=20)
-    kinds = course(learner, episode, 100)
-    prior, sampled = PriorSource, TrajectorySource
-    assert kinds == [(prior, 30), (sampled, 20), (sampled, 20), (sampled, 5), (sampled, 25)]
+    rounds = course(learner, episode, 100)
+    assert rounds == [(30, 0), (4, 16), (4, 16), (1, 4), (0, 25)]
 
 
 def test_the_threshold_is_the_newest_rounds_quantile_and_never_rises(episode):
@@ -74,15 +75,14 @@ def test_a_state_of_another_horizon_is_refused():
 def test_a_state_with_the_weights_of_another_network_is_refused():
     learner = make_difs()
     facts, arrays = archive.read("difs", learner.state(), learner._Facts)
-    renamed = {name.replace(".first.", ".correction.0."): a for name, a in arrays.items()}
     with pytest.raises(ProtocolError, match=r"'denoiser\.first\.weight' should have shape"):
-        learner.restore(archive.write("difs", facts, renamed))
+        make_difs(width=8).restore(archive.write("difs", facts, arrays))
 
 
-def test_a_threshold_far_beyond_failures_asks_for_samples_at_robustness_zero(episode):
+def test_a_threshold_at_failures_asks_for_samples_at_robustness_zero(episode):
     learner = make_difs(initial_share=0.1)
     learner.propose(10)
-    learner.observe([episode(np.full((5, 2), i), -9.0) for i in range(10)])
+    learner.observe([episode(np.full((5, 2), i), 0.0) for i in range(10)])
     assert len(learner.propose(5).sources) == 5
     assert learner._draw_conditions(5).tolist() == [0.0] * 5
 
@@ -106,9 +106,8 @@ def test_proposals_do_not_depend_on_what_else_draws_from_torch(episode):
 )
 def test_the_papers_preset_samples_below_the_threshold_and_then_at_zero(episode, episodes, sizes):
     """500 from the prior, 500 below the threshold, 500 at zero; a smaller budget is two halves."""
-    kinds = course(make_difs(episodes, schedule="paper"), episode, episodes)
-    assert [size for _, size in kinds] == sizes
-    assert [kind for kind, _ in kinds] == [PriorSource, *[TrajectorySource] * (len(sizes) - 1)]
+    rounds = course(make_difs(episodes, schedule="paper"), episode, episodes)
+    assert rounds == [(sizes[0], 0), *((0, size) for size in sizes[1:])]
 
 
 def trained(episode, **settings):
@@ -151,6 +150,7 @@ def test_earlier_campaigns_stand_for_draws_from_the_prior():
 def test_no_failure_ever_is_learnt_from(episode):
     learner = make_difs()
     course(learner, episode, 100)
+    assert learner._model.trained
     assert np.isfinite(noise_of(learner.exploit(5))).all()
 
 
@@ -179,25 +179,25 @@ class Watched:
         return np.zeros((len(condition), 5, 2), np.float32)
 
 
-def watch_two_rounds(episode, **settings):
-    """A learner of 40 episodes after its first twenty, of which ten fail, and a proposal."""
-    learner = make_difs(episodes=60, initial_share=1 / 3, round_size=20, **settings)
+def watch_a_round(episode, **settings):
+    """The model of a campaign of 60 after 40 from the prior, ten of which fail, and 20 samples."""
+    learner = make_difs(episodes=60, initial_share=2 / 3, round_size=20, **settings)
     model = Watched(learner)
     learner.propose(60)
-    robustness = [-2.0] * 10 + [float(i) for i in range(1, 31)]
-    learner.observe([episode(np.full((5, 2), 2.0 if r < 0 else 0.5), r) for r in robustness])
+    robustness = [0.0] * 10 + [float(i) for i in range(1, 31)]
+    learner.observe([episode(np.full((5, 2), 0.5 if r else 2.0), r) for r in robustness])
     learner.propose(20)
     return model
 
 
 def test_failures_have_the_condition_zero_and_all_others_their_robustness(episode):
-    condition = watch_two_rounds(episode).examples.condition
+    condition = watch_a_round(episode).examples.condition
     assert condition[:10].tolist() == [0.0] * 10
     np.testing.assert_allclose(condition[10:], np.arange(1, 31) / 15.5)
 
 
 def test_the_paper_trains_on_the_elite_alone_and_knows_robustness_alone(episode):
-    model = watch_two_rounds(episode, schedule="paper", first_steps=7)
+    model = watch_a_round(episode, schedule="paper", first_steps=7)
     assert (model.share, model.steps) == (1.0, [7])
     # Below the quantile of 0.3, but twenty at least.
     assert np.flatnonzero(model.examples.weights).tolist() == list(range(20))
@@ -208,7 +208,7 @@ def test_the_paper_trains_on_the_elite_alone_and_knows_robustness_alone(episode)
 
 
 def test_many_rounds_train_on_all_and_ask_for_the_likelier_half_of_the_elite(episode):
-    model = watch_two_rounds(episode)
+    model = watch_a_round(episode)
     assert model.share == 0.5
     assert len(model.examples.z) == 40
     ((conditions, excess),) = model.asked
@@ -219,7 +219,7 @@ def test_many_rounds_train_on_all_and_ask_for_the_likelier_half_of_the_elite(epi
 
 def test_settings_replace_what_a_schedule_says(episode):
     given = {"prior_share": 0.5, "elite_share": 0.25, "excess_quantile": 0.0}
-    model = watch_two_rounds(episode, schedule="paper", **given)
+    model = watch_a_round(episode, schedule="paper", **given)
     assert model.share == 0.25
     ((conditions, excess),) = model.asked
     assert len(conditions) == 10
@@ -232,3 +232,49 @@ def test_the_last_part_is_sampled_from_one_model(episode):
     course(learner, episode, 60)
     assert len(model.steps) == 2
     assert not model.asked[-1][0].any()
+
+
+@pytest.mark.parametrize(
+    ("settings", "episodes", "wanted"),
+    [
+        ({}, 1000, (67, 67, 1000)),
+        ({}, 100, (25, 25, 100)),
+        ({"round_size": 500}, 400, (400, 500, 400)),
+        ({"initial_share": 1.0}, 400, (400, 40, 400)),
+        ({"initial_share": 0.5, "final_share": 0.75}, 400, (200, 40, 200)),
+        ({"final_share": 1.0}, 400, (40, 40, 40)),
+        ({"schedule": "paper"}, 2000, (500, 500, 1000)),
+        ({"schedule": "paper", "initial_share": 0.6}, 2000, (1200, 500, 1200)),
+    ],
+)
+def test_a_plan_has_draws_from_the_prior_then_rounds_then_the_last_part(settings, episodes, wanted):
+    plan = make_plan(episodes, DifsSettings(**settings))
+    assert (plan.initial, plan.round_size, plan.final) == wanted
+
+
+def test_a_campaign_whose_last_part_follows_the_prior_learns_from_the_prior(episode):
+    learner = make_difs(initial_share=0.5, final_share=1.0)
+    assert course(learner, episode, 100) == [(50, 0), (0, 50)]
+
+
+def test_results_that_come_after_the_planned_rounds_are_learnt_from(episode):
+    learner = make_difs(initial_share=0.2, round_size=20, final_share=0.5)
+    for outcome in (Outcome.ERRORED, Outcome.ERRORED, Outcome.ERRORED, Outcome.SAFE):
+        sources = learner.propose(20).sources
+        assert sources == (PriorSource(),) * 20
+        learner.observe([episode(np.ones((5, 2)), 1.0, outcome=outcome) for _ in sources])
+    assert len(noise_of(learner.propose(20))) == 20
+
+
+def test_a_last_part_that_does_not_fit_one_message_is_divided(episode, monkeypatch):
+    monkeypatch.setattr("eigenfail_services.methods.batch_learner.MAX_VALUES_PER_ROUND", 200)
+    learner = make_difs(initial_share=0.2, round_size=20, final_share=0.6)
+    assert course(learner, episode, 100) == [(20, 0), (4, 16), (0, 21), (0, 21), (0, 18)]
+
+
+def test_earlier_campaigns_without_a_measured_episode_change_nothing(episode):
+    nothing = Experience(np.zeros((0, 5, 2), np.float32), np.zeros(0), np.zeros(0))
+    learner = make_difs(experience=nothing)
+    assert learner.propose(100).sources == (PriorSource(),) * 25
+    learner.observe([episode(np.ones((5, 2)), 4.0 + i) for i in range(25)])
+    assert learner._facts.scale_m == 16.0

@@ -1,29 +1,27 @@
-"""The network of DiFS against closed forms, moved samples, and failures in several regions."""
+"""The network of DiFS and what it learns, moved samples, and failures in several regions."""
 
 from statistics import NormalDist
 
 import numpy as np
 import pytest
+from difs_learners import make_difs, noise_of
 
 from eigenfail.functions import of_batch
-from eigenfail.settings import read_settings
 from eigenfail.values.episode import EpisodeTask, PriorSource
-from eigenfail.values.learning import LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
+from eigenfail_services.methods.difs.labelled_noise import (
+    LabelledNoise,
+    compute_excess,
+    move,
+    weigh_elite,
+)
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.difs.model import ConditionalDiffusion
 from eigenfail_services.methods.difs.settings import DifsSettings
-from eigenfail_services.methods.difs.trials import LabelledNoise, compute_excess, move, weigh_elite
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS, NORMAL = 40, NormalDist()
-
-
-def make_learner(episodes, **settings):
-    nothing = np.zeros((0, STEPS, 2), np.float32)
-    given = read_settings(DifsSettings, {"device": "cpu", **settings}, "settings")
-    return DiffusionFailureSampling(LearnerContext(1, episodes, STEPS, nothing), given)
 
 
 def make_model(**settings):
@@ -31,24 +29,59 @@ def make_model(**settings):
     return ConditionalDiffusion(DifsSettings(**given), STEPS, 2, seed=0)
 
 
-def make_examples(z, condition=None, excess=None):
+def make_examples(z, condition=None, excess=None, **changes):
     count = len(z)
     nothing = np.zeros(count, np.float32)
-    return LabelledNoise(
-        z=np.asarray(z, np.float32),
-        unseen=np.zeros(z.shape[:2], bool),
-        condition=nothing if condition is None else condition,
-        excess=nothing if excess is None else excess,
-        weights=np.full(count, 1.0 / count),
-    )
+    given = {
+        "z": np.asarray(z, np.float32),
+        "unseen": np.zeros(z.shape[:2], bool),
+        "condition": nothing if condition is None else condition,
+        "excess": nothing if excess is None else excess,
+        "weights": np.full(count, 1.0 / count),
+    }
+    return LabelledNoise(**given | changes)
 
 
-def train(model, examples, steps):
-    model.train(examples, steps, elite_share=0.5, draw=1)
+def train(model, examples, steps, elite_share=0.5):
+    model.train(examples, steps, elite_share, draw=1)
 
 
-def noise_of(proposal):
-    return np.stack([source.z for source in proposal.sources])
+def sample_mean(model):
+    """The mean of samples at robustness 0, shape (steps, channels)."""
+    return model.sample(np.zeros(1000, np.float32), 0.0, draw=2).mean(axis=0)
+
+
+@pytest.mark.parametrize(("share", "low", "high"), [(0.0, 0.3, 0.7), (1.0, 0.8, 1.2)])
+def test_a_batch_has_its_share_of_the_elite(share, low, high):
+    """Half of the trajectories are around 1, and are the elite; the others are around 0."""
+    elite = np.arange(200) < 100
+    z = np.random.default_rng(0).standard_normal((200, STEPS, 2)) + elite[:, None, None]
+    model = make_model()
+    train(model, make_examples(z, weights=elite / 100.0), 300, share)
+    assert low < sample_mean(model).mean() < high
+
+
+def test_steps_behind_the_end_of_an_episode_are_learnt_as_draws_from_the_prior():
+    z = np.random.default_rng(0).standard_normal((200, STEPS, 2))
+    z[:, 20:] = 3.0
+    unseen = np.tile(np.arange(STEPS) >= 20, (200, 1))
+    model = make_model()
+    train(model, make_examples(z, unseen=unseen), 300)
+    samples = model.sample(np.zeros(1000, np.float32), 0.0, draw=2)[:, 20:]
+    assert abs(samples.mean()) < 0.2
+    assert samples.std() == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_push_is_learnt_at_neighbouring_steps_too():
+    z = np.random.default_rng(0).standard_normal((300, STEPS, 2))
+    z[:, 18:22, 0] += 3.0
+    pushed = []
+    for jitter in (0, 2):
+        model = make_model(jitter=jitter)
+        train(model, make_examples(z), 500)
+        pushed.append(sample_mean(model)[:, 0])
+    # Shifted by up to two steps, a push of four steps has a fifth of its height two steps away.
+    assert pushed[1][[16, 23]].mean() > pushed[0][[16, 23]].mean() + 0.25
 
 
 def test_excess_counts_injected_values_alone():
@@ -161,7 +194,9 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
 
     regions = []
     for share in (0.0, 0.3):
-        learner = make_learner(1500, width=24, round_size=125, steps=100, moved_share=share)
+        learner = make_difs(
+            horizon=STEPS, episodes=1500, width=24, round_size=125, steps=100, moved_share=share
+        )
         engine = FunctionEngine(of_batch(lambda z: 4.0 - np.abs(sum_pushes(z)).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 5, 1500), engine))
         sums = sum_pushes(noise_of(learner.exploit(300)).astype(np.float64))
@@ -181,7 +216,9 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
 
 
 def test_moved_samples_are_kept_apart_whichever_episodes_err():
-    learner = make_learner(40, round_size=20, moved_share=0.5, first_steps=2, steps=2)
+    learner = make_difs(
+        horizon=STEPS, episodes=40, round_size=20, moved_share=0.5, first_steps=2, steps=2
+    )
     engine = FunctionEngine(
         of_batch(lambda z: np.where(z[:, 0, 0] > 0.0, np.nan, 3.0 - z[:, 1, 0])), STEPS
     )
@@ -198,34 +235,15 @@ def test_moved_samples_are_kept_apart_whichever_episodes_err():
     np.testing.assert_array_equal(arrays["moved.z"], np.stack(kept))
 
 
-def test_a_state_in_the_middle_restores_what_is_learnt_later():
-    engine = FunctionEngine(of_batch(lambda z: 1.5 - z[:, 0, 0]), STEPS)
-    ends = []
-    for stops in (False, True):
-        learner = make_learner(60, round_size=10, first_steps=5, steps=5)
-        for first in range(0, 60, 10):
-            sources = learner.propose(10).sources
-            tasks = [EpisodeTask(first + i, first + i, each) for i, each in enumerate(sources)]
-            learner.observe(list(engine.run(tasks)))
-            if stops:
-                state, learner = (
-                    learner.state(),
-                    make_learner(60, round_size=10, first_steps=5, steps=5),
-                )
-                learner.restore(state)
-        ends.append(noise_of(learner.exploit(5)))
-    np.testing.assert_array_equal(*ends)
-
-
 def test_first_round_is_from_the_prior_and_a_fifth_of_each_later_one():
-    learner = make_learner(160, round_size=20, first_steps=5, steps=5)
+    learner = make_difs(horizon=STEPS, episodes=160, round_size=20, first_steps=5, steps=5)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
     rounds = Rounds(learner, 1, 80)
     list(run_in_process(rounds, engine))
     sources = learner.propose(20).sources
     assert sum(isinstance(one, PriorSource) for one in sources) == 4
     assert len(learner.propose(100).sources) == 20, "a round"
-    fresh = make_learner(80, round_size=20)
+    fresh = make_difs(horizon=STEPS, episodes=80, round_size=20)
     assert fresh.propose(20).sources == (PriorSource(),) * 20
 
 
@@ -233,7 +251,7 @@ def test_first_round_is_from_the_prior_and_a_fifth_of_each_later_one():
     ("episodes", "sizes"), [(620, [42] * 14 + [32]), (200, [40] * 5), (20, [5] * 4), (5, [2, 2, 1])]
 )
 def test_rounds_are_at_most_fifteen(episodes, sizes):
-    learner = make_learner(episodes, first_steps=1, steps=1)
+    learner = make_difs(horizon=STEPS, episodes=episodes, first_steps=1, steps=1)
     rounds = Rounds(learner, 1, episodes)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
     seen = []
@@ -250,7 +268,7 @@ def test_rounds_are_at_most_fifteen(episodes, sizes):
 
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
 def test_samples_stay_finite_whatever_share_of_the_first_round_fails(share):
-    learner = make_learner(60, round_size=20, first_steps=20, steps=10)
+    learner = make_difs(horizon=STEPS, episodes=60, round_size=20, first_steps=20, steps=10)
     border = -NORMAL.inv_cdf(share) if 0.0 < share < 1.0 else (9.0 if share == 0.0 else -9.0)
     engine = FunctionEngine(of_batch(lambda z: 1e4 * (border - z[:, 0, 0])), STEPS)
     list(run_in_process(Rounds(learner, 1, 60), engine))
@@ -260,7 +278,9 @@ def test_samples_stay_finite_whatever_share_of_the_first_round_fails(share):
 
 
 def test_rounds_of_draws_from_the_prior_alone_go_on():
-    learner = make_learner(40, round_size=1, prior_share=0.9, first_steps=1, steps=1)
+    learner = make_difs(
+        horizon=STEPS, episodes=40, round_size=1, prior_share=0.9, first_steps=1, steps=1
+    )
     engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
     assert len(list(run_in_process(Rounds(learner, 1, 20), engine))) == 20
     assert learner.propose(1).sources == (PriorSource(),)
@@ -269,29 +289,19 @@ def test_rounds_of_draws_from_the_prior_alone_go_on():
 def test_smaller_excess_quantile_gives_likelier_noise():
     squares = []
     for quantile in (0.05, 0.95):
-        learner = make_learner(
-            600, width=24, round_size=75, steps=100, excess_quantile=quantile, first_steps=300
+        learner = make_difs(
+            horizon=STEPS,
+            episodes=600,
+            width=24,
+            round_size=75,
+            steps=100,
+            excess_quantile=quantile,
+            first_steps=300,
         )
         engine = FunctionEngine(of_batch(lambda z: 2.0 - sum_windows(z).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 3, 600), engine))
         squares.append((noise_of(learner.exploit(200)) ** 2).mean())
     assert squares[0] < squares[1] - 0.05
-
-
-def test_exploitation_does_not_change_what_is_learnt():
-    runs = []
-    for exploits in (0, 2):
-        learner = make_learner(60, round_size=20, first_steps=5, steps=5)
-        engine = FunctionEngine(of_batch(lambda z: 3.0 - z[:, 0, 0]), STEPS)
-        list(run_in_process(Rounds(learner, 1, 60), engine))
-        for _ in range(exploits):
-            learner.exploit(3)
-        runs.append(noise_of_samples(learner.propose(20)))
-    np.testing.assert_array_equal(*runs)
-
-
-def noise_of_samples(proposal):
-    return np.stack([one.z for one in proposal.sources if not isinstance(one, PriorSource)])
 
 
 def sum_windows(z):
@@ -302,7 +312,7 @@ def sum_windows(z):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_failures_in_several_regions_are_found_and_stay_likely(seed):
     """Each of four windows fails with a probability of 1.3e-3 under p(x)."""
-    learner = make_learner(2000, width=32, round_size=200, steps=150)
+    learner = make_difs(horizon=STEPS, episodes=2000, width=32, round_size=200, steps=150)
     engine = FunctionEngine(of_batch(lambda z: 3.0 - sum_windows(z).max(axis=1)), STEPS)
     list(run_in_process(Rounds(learner, seed, 2000), engine))
     z = noise_of(learner.exploit(300)).astype(np.float64)

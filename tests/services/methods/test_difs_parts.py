@@ -11,7 +11,7 @@ from eigenfail.values.measures import Measures
 from eigenfail_services.methods.difs import model as diffusion
 from eigenfail_services.methods.difs.model import shift_in_time
 from eigenfail_services.methods.difs.network import ConditionalDenoiser
-from eigenfail_services.methods.difs.trials import TrialMemory
+from eigenfail_services.methods.trials import TrialMemory
 
 HORIZON = 6
 

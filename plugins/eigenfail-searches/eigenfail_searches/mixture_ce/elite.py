@@ -5,40 +5,40 @@ from math import ceil
 import numpy as np
 
 from eigenfail_searches.mixture_ce.modes import Rows
-from eigenfail_services.methods.difs.trials import TrialMemory
+from eigenfail_services.methods.trials import TrialMemory
 
 PATIENCE = 2
-"""A mode without failures is dropped after this number of elites of failures elsewhere."""
+"""A component without failures is dropped after this number of elites of failures elsewhere."""
 
 
-def select_elite(trials: TrialMemory, count: int, likely_share: float, kinds: Rows) -> Rows:
-    """Return the best trajectories, equally many of each kind.
+def select_elite(trials: TrialMemory, count: int, likely_share: float, components: Rows) -> Rows:
+    """Return the best trajectories, equally many of each component.
 
-    A few dozen failures do not show which kind has more of p(z | failure), and a kind that has
-    more by chance would soon displace the others.
+    A few dozen failures do not show which component has more of p(z | failure). A component that
+    has more by chance would soon displace the others.
 
     Args:
         trials: trajectories.
         count: number of trajectories that are returned.
-        likely_share: share of a kind's newest failures that are selected by likelihood.
-        kinds: component of each trajectory, shape (n,).
+        likely_share: share of a component's newest failures that are selected by likelihood.
+        components: number of the component of each trajectory, shape (n,).
     """
-    kept = _list_kinds(trials, count, kinds)
-    # Rounded up, so that every kind has a part.
+    kept = _list_components(trials, count, components)
+    # Rounded up, so that every component has a part.
     each = ceil(count / len(kept))
     return np.concatenate([_select_best(trials, rows, each, likely_share) for rows in kept])
 
 
-def has_elites(trials: TrialMemory, count: int, kinds: Rows) -> bool:
-    """Whether each kind has enough failures for its part of an elite of `count`."""
-    kept = _list_kinds(trials, count, kinds)
+def has_elites(trials: TrialMemory, count: int, components: Rows) -> bool:
+    """Whether each component has enough failures for its part of an elite of `count`."""
+    kept = _list_components(trials, count, components)
     return all(len(_find_failures(trials, rows)) >= count / len(kept) for rows in kept)
 
 
-def _list_kinds(trials: TrialMemory, count: int, kinds: Rows) -> list[Rows]:
-    """Return the trajectories of each kind; with enough failures, only of kinds that failed."""
-    each = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
-    # So few failures do not show that a kind has none.
+def _list_components(trials: TrialMemory, count: int, components: Rows) -> list[Rows]:
+    """Return each component's trajectories; with enough failures, only of those that failed."""
+    each = [np.flatnonzero(components == component) for component in np.unique(components)]
+    # So few failures do not show that a component has none.
     if np.count_nonzero(trials.robustness <= 0.0) < PATIENCE * count:
         return each
     return [rows for rows in each if len(_find_failures(trials, rows))]

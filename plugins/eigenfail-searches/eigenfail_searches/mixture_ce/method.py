@@ -16,15 +16,15 @@ from eigenfail_searches.mixture_ce.settings import MixtureSettings
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.archive import take
 from eigenfail_services.methods.batch_learner import limit_round
-from eigenfail_services.methods.difs.trials import TrialMemory
+from eigenfail_services.methods.trials import TrialMemory
 
 SCALE_GAIN = 0.3
 SMALLEST_SCALE, LARGEST_SCALE = 0.3, 1.2
 
-MOST_MODES = 4
-"""Number of modes that is searched for until the elites of all modes are failures.
+MOST_COMPONENTS = 4
+"""Largest number of components until the elites of all of them are failures.
 
-Later searches would split the failures of one mode.
+Later the number does not grow: the failures of one mode would be split.
 """
 
 EXPLOITS = 2**32
@@ -35,7 +35,8 @@ class MixtureCrossEntropy:
     """Samples noise around the means of the least robust episodes, in rounds.
 
     The cross-entropy method (Rubinstein and Kroese 2004), whose density is a mixture of normals of
-    unit variance: only the means are adapted. Their number is chosen by held-out likelihood.
+    unit variance. Its means and shares are fitted, and their number is chosen by held-out
+    likelihood.
 
     Attributes:
         lookahead: 0, as each round is sampled from a mixture of all earlier rounds.
@@ -96,7 +97,7 @@ class MixtureCrossEntropy:
     def exploit(self, n: int) -> Proposal:
         """Return samples of the components with failures, if there are any, without learning."""
         self._update_facts(exploits=self._facts.exploits + 1)
-        failed = self._assign_kinds()[self._trials.robustness <= 0.0]
+        failed = self._assign_components()[self._trials.robustness <= 0.0]
         mixture = self._mixture.restrict(np.unique(failed))
         return self._sample(n, EXPLOITS + self._facts.exploits, mixture)
 
@@ -119,11 +120,11 @@ class MixtureCrossEntropy:
         self._facts = facts
 
     def _fit(self) -> None:
-        trials, settings, kinds = self._trials, self._settings, self._assign_kinds()
-        rows = select_elite(trials, settings.elite, settings.likely_share, kinds)
+        trials, settings, components = self._trials, self._settings, self._assign_components()
+        rows = select_elite(trials, settings.elite, settings.likely_share, components)
         elite = modes.prepare_elite(trials.z[rows], trials.find_unseen()[rows], self._jitter)
-        settled = has_elites(trials, settings.elite, kinds)
-        most = len(self._mixture.shares) if settled else MOST_MODES
+        settled = has_elites(trials, settings.elite, components)
+        most = len(self._mixture.shares) if settled else MOST_COMPONENTS
         self._mixture = modes.fit_mixture(elite, most)
 
     def _adapt_scale(self, rate: float) -> None:
@@ -131,7 +132,7 @@ class MixtureCrossEntropy:
 
         So samples are as likely as the target rate allows. It begins when all elites are failures.
         """
-        if has_elites(self._trials, self._settings.elite, self._assign_kinds()):
+        if has_elites(self._trials, self._settings.elite, self._assign_components()):
             moved = self._facts.scale * exp(SCALE_GAIN * (self._settings.target_rate - rate))
             most = max(LARGEST_SCALE, self._settings.scale)
             self._update_facts(scale=min(max(moved, SMALLEST_SCALE), most))
@@ -144,7 +145,7 @@ class MixtureCrossEntropy:
         )
         return Proposal(tuple(TrajectorySource(each.astype(np.float32)) for each in z))
 
-    def _assign_kinds(self) -> modes.Rows:
+    def _assign_components(self) -> modes.Rows:
         """Return the likeliest component of each trajectory, shape (n,)."""
         return self._mixture.assign(self._trials.z, self._trials.find_unseen())
 

@@ -14,9 +14,9 @@ from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySourc
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.batch_learner import limit_round
-from eigenfail_services.methods.difs import trials
+from eigenfail_services.methods.difs import labelled_noise
 from eigenfail_services.methods.difs.settings import DifsSettings, make_plan
-from eigenfail_services.methods.difs.trials import TrialMemory
+from eigenfail_services.methods.trials import TrialMemory
 
 MODEL = "eigenfail_services.methods.difs.model:ConditionalDiffusion"
 """Path instead of a class, so that torch is imported only when a learner is made."""
@@ -36,10 +36,12 @@ MOVED = "moved."
 class DiffusionFailureSampling:
     """Samples p(x | robustness) at low robustness, which decreases from round to round.
 
-    The schedule `paper` is the algorithm of Delecki et al. (2025, arXiv 2406.14761) with the
-    paper's numbers of episodes. `many_rounds` has three changes. Batches are half elite and half
-    any episodes. The network also knows how unlikely a trajectory is, so that samples can be asked
-    to be likely. Some samples are shifted in time and mirrored, which finds more regions of
+    The algorithm of Delecki et al. (2025, arXiv 2406.14761) with another network, which has a
+    slow mean, and another sampler, which takes few steps. The schedule `paper` has the paper's
+    division of the episodes and its training data. `many_rounds` has more and smaller rounds, and
+    four further changes. A part of each round is drawn from the prior. Batches are half elite and
+    half any episodes. The network also knows how unlikely a trajectory is, so that samples can be
+    asked to be likely. Some samples are shifted in time and mirrored, which finds more regions of
     failures.
 
     Attributes:
@@ -56,7 +58,7 @@ class DiffusionFailureSampling:
             draws: number of random draws so far.
             exploits: number of calls of `exploit`.
             threshold_m: robustness at or below which a trajectory is one of the elite; None: no
-                round yet. It can fall below 0: then the elite are the severest failures. [m]
+                round yet. At 0 all failures are elite. [m]
             scale_m: unit of the robustness that the network is given. [m]
             excess: excess that samples are asked to have.
         """
@@ -75,31 +77,39 @@ class DiffusionFailureSampling:
         self._settings = settings
         self._seed = context.seed
         shape = context.horizon, context.channels
-        plan = make_plan(context.episodes, settings)
-        self._plan = msgspec.structs.replace(plan, round_size=limit_round(context, plan.round_size))
+        self._plan = make_plan(context.episodes, settings)
+        self._limit = limit_round(context, context.episodes)
         self._model = load_class(MODEL)(settings, *shape, context.seed)
         self._trials = TrialMemory(*shape, settings.memory)
         self._moved = TrialMemory(*shape, settings.memory)
         self._facts = self._Facts()
-        if context.experience is not None:
+        if context.experience is not None and len(context.experience.z):
             self._trials.add_experience(context.experience)
             self._lower_threshold(self._trials)
-            initial = max(0, plan.initial - len(self._trials))
+            initial = max(0, self._plan.initial - len(context.experience.z))
             self._plan = msgspec.structs.replace(self._plan, initial=initial)
 
     @staticmethod
     def round_sizes(settings: DifsSettings, episodes: int) -> RoundSizes:
-        """Return the sizes of the plan; the samples at robustness 0 are one round."""
+        """Return the sizes of the plan, whose samples at robustness 0 are one round.
+
+        Noise that does not fit one message comes in smaller rounds.
+        """
         plan = make_plan(episodes, settings)
         return RoundSizes(plan.initial, max(plan.round_size, episodes - plan.final))
 
     def propose(self, n: int) -> Proposal:
-        """Return draws from the prior, later samples below the threshold, at last at 0."""
+        """Return draws from the prior, later samples below the threshold, at last at 0.
+
+        Raises:
+            LearnerDiverged: training on earlier campaigns diverged, or a sample is not finite.
+        """
         proposed, plan = self._facts.proposed, self._plan
         if proposed < plan.initial:
             return self._count(Proposal((PriorSource(),) * min(n, plan.initial - proposed)))
         if not self._model.trained and len(self._trials):
             self._train()
+        n = min(n, self._limit)
         if not self._model.trained:
             return self._count(Proposal((PriorSource(),) * min(n, plan.round_size)))
         if proposed >= plan.final:
@@ -115,7 +125,8 @@ class DiffusionFailureSampling:
         fresh = TrialMemory(*self._trials.z.shape[1:], len(results))
         fresh.add(results)
         # The last part of a plan is sampled from one finished model.
-        if not len(fresh) or self._facts.proposed > self._plan.final:
+        finished = self._model.trained and self._facts.proposed > self._plan.final
+        if not len(fresh) or finished:
             return
         # Moved samples are the last ones of a proposal.
         moved = self._divide(len(results))[1] if self._model.trained else 0
@@ -144,10 +155,10 @@ class DiffusionFailureSampling:
         """
         facts, arrays = archive.read("difs", state, self._Facts)
         with archive.wrap_errors("difs"):
-            self._model.load(arrays)
             self._trials.load(arrays)
             moved = {name for name in arrays if name.startswith(MOVED)}
             self._moved.load({name.removeprefix(MOVED): arrays[name] for name in moved})
+            self._model.load(arrays)
         self._facts = facts
 
     def _count(self, proposal: Proposal) -> Proposal:
@@ -162,7 +173,7 @@ class DiffusionFailureSampling:
         )
         random = np.random.default_rng([self._seed, self._draw()])
         own = len(z) - moved
-        z = np.concatenate([z[:own], trials.move(z[own:], random)])
+        z = np.concatenate([z[:own], labelled_noise.move(z[own:], random)])
         return Proposal((PriorSource(),) * drawn + tuple(TrajectorySource(each) for each in z))
 
     def _sample_failures(self, n: int, draw: int) -> Proposal:
@@ -188,17 +199,14 @@ class DiffusionFailureSampling:
 
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
-        threshold = max(self._facts.threshold_m or 0.0, 0.0) / self._facts.scale_m
+        threshold = (self._facts.threshold_m or 0.0) / self._facts.scale_m
+        threshold = min(threshold, labelled_noise.LARGEST_CONDITION)
         random = np.random.default_rng([self._seed, self._draw()])
-        # From −0.1, as in the reference code (sisl/DiFS): a share of all draws asks for failures.
+        # From below 0, as in the reference code (sisl/DiFS): some draws ask for failures.
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _train(self) -> None:
-        """Train on all trajectories, and choose the excess of the next samples.
-
-        Failures have the condition 0, however far they lie beyond the border: that is what
-        samples at robustness 0 are to be like.
-        """
+        """Train on the trajectories so far, and choose the excess of the next samples."""
         both = self._trials, self._moved
         z, robustness = (
             np.concatenate([each.z for each in both]),
@@ -209,17 +217,17 @@ class DiffusionFailureSampling:
         # Without the quantile the network is not told the excess, which is 0 for all.
         excess = np.zeros(len(z), np.float32)
         if quantile is not None:
-            excess = trials.compute_excess(z, unseen)
+            excess = labelled_noise.compute_excess(z, unseen)
             self._update_facts(excess=float(np.quantile(excess[elite], quantile)))
         condition = np.clip(
-            robustness / np.float32(self._facts.scale_m), 0.0, trials.LARGEST_CONDITION
+            robustness / np.float32(self._facts.scale_m), 0.0, labelled_noise.LARGEST_CONDITION
         )
-        examples = trials.LabelledNoise(
+        examples = labelled_noise.LabelledNoise(
             z=z,
             unseen=unseen,
             condition=condition.astype(np.float32),
             excess=excess,
-            weights=trials.weigh_elite(elite, np.arange(len(z)) >= len(self._trials)),
+            weights=labelled_noise.weigh_elite(elite, np.arange(len(z)) >= len(self._trials)),
         )
         plan = self._plan
         steps = plan.steps if self._model.trained else plan.first_steps

@@ -16,9 +16,9 @@ from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.values.arrays import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays
+from eigenfail_services.methods.difs.labelled_noise import LabelledNoise
 from eigenfail_services.methods.difs.network import ConditionalDenoiser
 from eigenfail_services.methods.difs.settings import DifsSettings
-from eigenfail_services.methods.difs.trials import LabelledNoise
 
 
 def diffuse(x0: Tensor, eps: Tensor, angle: Tensor) -> Tensor:
@@ -53,9 +53,9 @@ def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Ge
     """Return samples of x_0, by `steps` ancestral steps of DDPM with the wide variance.
 
     From t to s: x_s ~ N(rho · x_t - cos(s) · (1 - rho²) / sin(t) · v, 1 - rho²) with
-    rho = cos(t) / cos(s): the posterior mean for the x_0 that v predicts, and the variance that is
-    exact for data of unit variance (Ho et al. 2020, sec. 3.2). So any normal of unit variance is
-    sampled exactly in any number of steps, and directions in which v is zero keep the prior.
+    rho = cos(t) / cos(s). The mean is the posterior mean for the x_0 that v predicts. The variance
+    is exact for data of unit variance (Ho et al. 2020, sec. 3.2). So any normal of unit variance is
+    sampled exactly in any number of steps. Directions in which v is zero keep the prior.
 
     Args:
         v: predicts the velocity.
@@ -202,7 +202,7 @@ class ConditionalDiffusion:
     ) -> Tensor:
         """Draw, shift and diffuse trajectories; return the mean squared error of the velocity."""
         count, most = self._settings.batch_size, self._jitter
-        rows = self._draw_rows(given, int(elite_share * count), generator)
+        rows = self._draw_rows(given, round(elite_share * count), generator)
         by = torch.randint(-most, most + 1, (count, 1), generator=generator, device=self._device)
         z, unseen = shift_in_time(given.z[rows], given.unseen[rows], by)
         # Steps behind an episode's end get new draws each time (see `TrialMemory.find_unseen`).

@@ -26,13 +26,13 @@ PLACES = 4
 """Features of the place in time, the same for all trajectories."""
 
 
-def compute_turns(angle: Tensor) -> Tensor:
+def compute_time_features(angle: Tensor) -> Tensor:
     """Return features of the diffusion time t, shape (n, 4)."""
     turns = [torch.sin(angle), torch.cos(angle), torch.sin(2 * angle), torch.cos(4 * angle)]
     return torch.stack(turns, dim=1)
 
 
-def compute_levels(condition: Tensor, excess: Tensor) -> Tensor:
+def compute_condition_features(condition: Tensor, excess: Tensor) -> Tensor:
     """Return features of the robustness and the excess, shape (n, LEVELS).
 
     The exponentials set failures, robustness 0, apart from near failures.
@@ -144,8 +144,8 @@ class ConditionalDenoiser(nn.Module):
         missing = self._positions * self._size - x.shape[1]
         steps = functional.pad(x, (0, missing)).view(len(x), self._positions, self._size)
         hidden = self.first(torch.cat([steps, self.places.expand(len(x), -1, -1)], dim=2))
-        levels = compute_levels(condition, excess)
-        features = torch.cat([compute_turns(angle), levels], dim=1)
+        levels = compute_condition_features(condition, excess)
+        features = torch.cat([compute_time_features(angle), levels], dim=1)
         for block in self.blocks:
             hidden = block(hidden, features)
         local: Tensor = self.last(functional.silu(hidden)).flatten(1)[:, : x.shape[1]]

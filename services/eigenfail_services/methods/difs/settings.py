@@ -20,7 +20,7 @@ STEPS_PER_JITTER = 20
 class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `difs`.
 
-    `many_rounds` trains after each of up to fifteen rounds. `paper` draws 500 from the prior,
+    `many_rounds` trains after each round, by default fifteen or fewer. `paper` draws 500 from p(x),
     trains, draws 500 below the threshold, trains, and samples the rest at robustness 0.
     """
 
@@ -29,7 +29,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         Meta(description="how the episodes are divided, and what the network is trained on"),
     ] = "many_rounds"
     initial_share: Annotated[
-        Share | None,
+        UpToOne | None,
         Meta(description="share of the episodes drawn from p(x) at first; none: the schedule's"),
     ] = None
     round_size: Annotated[
@@ -57,8 +57,8 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     elite_share: Annotated[
         Share | None,
         Meta(
-            description="share of the elite in a batch, the rest are any trajectories; "
-            "none: the schedule's"
+            description="share of a batch that is drawn from the elite, and the rest from all "
+            "trajectories; none: the schedule's"
         ),
     ] = None
     excess_quantile: Annotated[
@@ -86,7 +86,11 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 64
     jitter: Annotated[
         int,
-        Meta(ge=0, le=10_000, description="largest shift in training [steps]; at most 1 in 20"),
+        Meta(
+            ge=0,
+            le=10_000,
+            description="largest shift in training [steps]; at most a twentieth of them",
+        ),
     ] = 3
     width: Annotated[
         int, Meta(ge=1, le=4096, description="channels of the network's hidden layers")
@@ -149,7 +153,7 @@ class DifsPlan(msgspec.Struct, frozen=True):
 ROUNDS = 15
 
 SMALLEST_ROUND, FEWEST_ROUNDS = 40, 4
-"""A smaller budget has fewer rounds, not smaller ones: most of a round is learnt from."""
+"""A smaller budget has fewer rounds: with smaller ones, a training would learn too little new."""
 
 PAPER_SIZE = 500
 """Episodes from the prior, and again below the threshold."""
@@ -159,11 +163,11 @@ PAPER_STEPS = 1000
 
 
 def plan_many_rounds(episodes: int, settings: DifsSettings) -> DifsPlan:
-    """Return fifteen rounds or fewer, the first from the prior, with training to the end."""
+    """Return rounds of one size, the first from the prior, with training to the end."""
     least = min(SMALLEST_ROUND, ceil(episodes / FEWEST_ROUNDS))
     size = settings.round_size or max(ceil(episodes / ROUNDS), least)
     return DifsPlan(
-        initial=size,
+        initial=min(size, episodes),
         round_size=size,
         final=episodes,
         first_steps=400,
@@ -195,7 +199,7 @@ SCHEDULES: dict[str, Callable[[int, DifsSettings], DifsPlan]] = {
     "paper": plan_paper,
 }
 
-OVERRIDING = (
+OVERRIDES = (
     "round_size",
     "first_steps",
     "steps",
@@ -208,12 +212,16 @@ OVERRIDING = (
 
 
 def make_plan(episodes: int, settings: DifsSettings) -> DifsPlan:
-    """Return the plan of the schedule, with the settings that override it."""
+    """Return the plan of the schedule, with the settings that override it.
+
+    The last part begins after the episodes from the prior, whatever its share.
+    """
     plan = SCHEDULES[settings.schedule](episodes, settings)
-    given = {name: getattr(settings, name) for name in OVERRIDING}
+    given = {name: getattr(settings, name) for name in OVERRIDES}
     changes = {name: value for name, value in given.items() if value is not None}
     if settings.initial_share is not None:
         changes["initial"] = max(1, round(settings.initial_share * episodes))
     if settings.final_share is not None:
         changes["final"] = episodes - round(settings.final_share * episodes)
-    return msgspec.structs.replace(plan, **changes)
+    plan = msgspec.structs.replace(plan, **changes)
+    return msgspec.structs.replace(plan, final=max(plan.initial, plan.final))
