@@ -55,7 +55,6 @@ TARGETS = {
     "ast_parallel_100_failures": Target(low=0.88),
     "cut_in.difs.eval300.failure_rate": Target(low=0.10, paper=0.031),
     "cut_in.difs.eval300.mean_severity": Target(paper=115.0),
-    "cut_in.difs.logp_ratio": Target(low=0.95, high=1.20),
     "cut_in.difs.default_less_ddpm1000.failure_rate": Target(low=-0.05),
     "merge_in.ast.failures": Target(low=1.0),
     "merge_in.difs.failures": Target(low=1.0),
@@ -91,7 +90,7 @@ TARGETS = {
     "unavoidable.mc2000.collisions": Target(high=0.0),
     **{
         f"unavoidable.paper_brakes.{method}": Target(high=0.0)
-        for method in ("held", "cma", "difs", "ast")
+        for method in ("held", "cma", "ast")
     },
     "unavoidable.share.held": Target(low=0.1, high=0.9),
     "unavoidable.share.cma": Target(low=0.1, high=0.9),

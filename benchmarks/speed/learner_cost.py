@@ -3,7 +3,7 @@
 `python -m benchmarks.speed.learner_cost CASE` prints, as JSON, seconds of processor time of the
 learner for a round, seconds of the hub for keeping the checkpoint, and the bytes of that. Made up
 are measures and noise, of real size: what is learnt from them is of no use, and takes as long. Half
-of the episodes are failures, without which DiFS trains no network.
+of the episodes are failures.
 """
 
 import json

@@ -27,7 +27,6 @@ MEASURED = {
     "monte_carlo": CREWS[:3],
     "many": (1_000,),
     "ast": CREWS[:2],
-    "difs": CREWS[:2],
     "monte_carlo_parallel": (1_000,),
     "ast_parallel": (100,),
 }
@@ -35,7 +34,6 @@ SETTLED = {
     "monte_carlo": 100,
     "many": 2_000,
     "ast": 80,
-    "difs": 120,
     "monte_carlo_parallel": 2_000,
     "ast_parallel": 260,
 }

@@ -61,7 +61,7 @@ JOINT_PARAMETERS = {
 OF_SEVERAL = {"every", "occlusion"}
 """Sets that are as `position` where there is one vehicle, as in `cut_in`."""
 
-METHODS = ("monte_carlo", "held", "cem", "cma", "ast", "difs")
+METHODS = ("monte_carlo", "held", "cem", "cma", "ast")
 
 FIRST_SETS: dict[int, tuple[Channel, ...]] = {
     1: SETS["missed"][2:],

@@ -49,7 +49,7 @@ SCENARIOS = ("cut_in", "lead_brake", "merge_in")
 PLANNERS = ("rulebook", "idm")
 SAMPLE = 1_000
 
-METHODS = ("monte_carlo", "held", "cem", "cma", "ast", "difs")
+METHODS = ("monte_carlo", "held", "cem", "cma", "ast")
 EPISODES, SEEDS = 400, 3
 
 

@@ -22,7 +22,7 @@ from eigenfail_workers.scenarios.cut_in import CutInParameters
 LOADED = {"peak_braking_mps2": 3.2}
 """Own choice: a heavily loaded truck, or a wet road."""
 
-METHODS = ("held", "cma", "difs", "ast")
+METHODS = ("held", "cma", "ast")
 SEEDS, EPISODES, DRAWN, PARTS = 5, 1000, 2000, 8
 
 
