@@ -1,4 +1,4 @@
-"""Memory of finished episodes: their noise and robustness, from which a model is learnt."""
+"""Noise trajectories of finished episodes: a memory of them, their excess, and their moves."""
 
 from collections.abc import Sequence
 
@@ -85,3 +85,39 @@ class TrialMemory:
             kept = np.sort(np.lexsort((newest_first, self.robustness))[: self._memory])
             self.z, self.steps = self.z[kept], self.steps[kept]
             self.robustness = self.robustness[kept]
+
+
+def compute_excess(z: Floats, unseen: NDArray[np.bool_]) -> Floats:
+    """Return (sum z² - d) / sqrt(2 d) over the d injected values of each trajectory, shape (n,).
+
+    Under p(x) it has mean 0 and standard deviation 1: noise with a large excess is unlikely.
+
+    Args:
+        z: shape (n, horizon, channels). [sigma]
+        unseen: whether no noise was injected in a step, shape (n, horizon).
+    """
+    numbers = np.maximum((~unseen).sum(axis=1) * z.shape[2], 1).astype(np.float64)
+    squares = np.where(unseen[..., None], 0.0, z.astype(np.float64) ** 2).sum(axis=(1, 2))
+    excess: Floats = ((squares - numbers) / np.sqrt(2.0 * numbers)).astype(np.float32)
+    return excess
+
+
+def move(z: Floats, random: np.random.Generator) -> Floats:
+    """Shift each trajectory in time, and give each of its channels a random sign.
+
+    A shift is drawn uniformly from all shifts that keep at least one step. Steps without shifted
+    noise get new draws. Noise from p(x) stays noise from p(x).
+
+    Args:
+        z: shape (n, horizon, channels). [sigma]
+        random: generator of shifts, signs and new draws.
+    """
+    count, horizon, channels = z.shape
+    by = random.integers(1 - horizon, horizon, size=(count, 1))
+    source = np.arange(horizon) - by
+    inside = (source >= 0) & (source < horizon)
+    shifted = np.take_along_axis(z, np.clip(source, 0, horizon - 1)[..., None], axis=1)
+    fresh = random.standard_normal(z.shape, np.float32)
+    signs = random.choice(np.array([-1.0, 1.0], np.float32), size=(count, 1, channels))
+    moved: Floats = np.where(inside[..., None], shifted, fresh) * signs
+    return moved

@@ -10,15 +10,10 @@ from eigenfail.functions import of_batch
 from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.difs.labelled_noise import (
-    LabelledNoise,
-    compute_excess,
-    move,
-    weigh_elite,
-)
-from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.difs.method import DiffusionFailureSampling, weigh_elite
 from eigenfail_services.methods.difs.model import ConditionalDiffusion
-from eigenfail_services.methods.difs.settings import DifsSettings
+from eigenfail_services.methods.difs.settings import DifsSettings, LabelledNoise
+from eigenfail_services.methods.trials import compute_excess, move
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS, NORMAL = 40, NormalDist()

@@ -12,10 +12,14 @@ from eigenfail.plugins import load_class
 from eigenfail.values.arrays import Floats
 from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySource
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
-from eigenfail_services.methods import archive
+from eigenfail_services.methods import archive, trials
 from eigenfail_services.methods.batch_learner import limit_round
-from eigenfail_services.methods.difs import labelled_noise
-from eigenfail_services.methods.difs.settings import DifsSettings, make_plan
+from eigenfail_services.methods.difs.settings import (
+    LARGEST_CONDITION,
+    DifsSettings,
+    LabelledNoise,
+    make_plan,
+)
 from eigenfail_services.methods.trials import TrialMemory
 
 MODEL = "eigenfail_services.methods.difs.model:ConditionalDiffusion"
@@ -31,6 +35,26 @@ EXPLOITS = 2**32
 
 MOVED = "moved."
 """Prefix of the arrays of moved trajectories in a state."""
+
+FEWEST_MOVED = 5
+"""With fewer moved trajectories in the elite, all of the elite have the same weight."""
+
+
+def weigh_elite(elite: NDArray[np.bool_], moved: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the chance of each trajectory in the elite's part of a batch, shape (n,).
+
+    Half of it is moved trajectories, if there are enough: they are spread over all regions of
+    failures. A network that learns from its own samples alone keeps ever fewer of the regions.
+
+    Args:
+        elite: whether a trajectory is one of the elite, shape (n,).
+        moved: whether it was moved, shape (n,).
+    """
+    own, spread = elite & ~moved, elite & moved
+    if np.count_nonzero(spread) < FEWEST_MOVED or not own.any():
+        weights: NDArray[np.float64] = elite / np.count_nonzero(elite)
+        return weights
+    return 0.5 * own / np.count_nonzero(own) + 0.5 * spread / np.count_nonzero(spread)
 
 
 class DiffusionFailureSampling:
@@ -173,7 +197,7 @@ class DiffusionFailureSampling:
         )
         random = np.random.default_rng([self._seed, self._draw()])
         own = len(z) - moved
-        z = np.concatenate([z[:own], labelled_noise.move(z[own:], random)])
+        z = np.concatenate([z[:own], trials.move(z[own:], random)])
         return Proposal((PriorSource(),) * drawn + tuple(TrajectorySource(each) for each in z))
 
     def _sample_failures(self, n: int, draw: int) -> Proposal:
@@ -200,7 +224,7 @@ class DiffusionFailureSampling:
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
         threshold = (self._facts.threshold_m or 0.0) / self._facts.scale_m
-        threshold = min(threshold, labelled_noise.LARGEST_CONDITION)
+        threshold = min(threshold, LARGEST_CONDITION)
         random = np.random.default_rng([self._seed, self._draw()])
         # From below 0, as in the reference code (sisl/DiFS): some draws ask for failures.
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
@@ -217,17 +241,15 @@ class DiffusionFailureSampling:
         # Without the quantile the network is not told the excess, which is 0 for all.
         excess = np.zeros(len(z), np.float32)
         if quantile is not None:
-            excess = labelled_noise.compute_excess(z, unseen)
+            excess = trials.compute_excess(z, unseen)
             self._update_facts(excess=float(np.quantile(excess[elite], quantile)))
-        condition = np.clip(
-            robustness / np.float32(self._facts.scale_m), 0.0, labelled_noise.LARGEST_CONDITION
-        )
-        examples = labelled_noise.LabelledNoise(
+        condition = np.clip(robustness / np.float32(self._facts.scale_m), 0.0, LARGEST_CONDITION)
+        examples = LabelledNoise(
             z=z,
             unseen=unseen,
             condition=condition.astype(np.float32),
             excess=excess,
-            weights=labelled_noise.weigh_elite(elite, np.arange(len(z)) >= len(self._trials)),
+            weights=weigh_elite(elite, np.arange(len(z)) >= len(self._trials)),
         )
         plan = self._plan
         steps = plan.steps if self._model.trained else plan.first_steps

@@ -16,9 +16,8 @@ from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.values.arrays import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays
-from eigenfail_services.methods.difs.labelled_noise import LabelledNoise
 from eigenfail_services.methods.difs.network import ConditionalDenoiser
-from eigenfail_services.methods.difs.settings import DifsSettings
+from eigenfail_services.methods.difs.settings import DifsSettings, LabelledNoise
 
 
 def diffuse(x0: Tensor, eps: Tensor, angle: Tensor) -> Tensor:

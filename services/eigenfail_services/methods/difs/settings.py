@@ -1,12 +1,15 @@
-"""Settings of `difs`, and how its schedules divide a campaign."""
+"""Settings of `difs`, how its schedules divide a campaign, and what its network is trained on."""
 
 from collections.abc import Callable
 from math import ceil
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
+from eigenfail.values.arrays import Floats
 from eigenfail_services.methods import Amount, Id, UpToOne
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -225,3 +228,26 @@ def make_plan(episodes: int, settings: DifsSettings) -> DifsPlan:
         changes["final"] = episodes - round(settings.final_share * episodes)
     plan = msgspec.structs.replace(plan, **changes)
     return msgspec.structs.replace(plan, final=max(plan.initial, plan.final))
+
+
+LARGEST_CONDITION = 10.0
+"""Largest condition: robustness far from failures is all alike, and must not dominate."""
+
+
+class LabelledNoise(msgspec.Struct, frozen=True, eq=False):
+    """Training data.
+
+    Attributes:
+        z: trajectories, shape (n, horizon, channels). [sigma]
+        unseen: whether no noise was injected in a step, shape (n, horizon).
+        condition: robustness ÷ scale, within 0 and `LARGEST_CONDITION`, shape (n,).
+        excess: excess of the squared noise over p(x), shape (n,); see `compute_excess`.
+        weights: chance of each trajectory in the elite's part of a batch, shape (n,). It is 0
+            outside the elite.
+    """
+
+    z: Floats
+    unseen: NDArray[np.bool_]
+    condition: Floats
+    excess: Floats
+    weights: NDArray[np.float64]
