@@ -13,18 +13,7 @@ from eigenfail.client.analyses import OVER
 from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.gate import baselines
-from eigenfail.gate.known import (
-    KnownReplay,
-    RunSettings,
-    add_modes,
-    drop_unproven,
-    is_minimal_search,
-    make_known_findings,
-    make_minimal_replay,
-    make_mode_replays,
-    map_outcomes,
-    needs_modes,
-)
+from eigenfail.gate import known as known_failures
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import Rerun, RerunSide, judge_rerun, read_figures
 from eigenfail.gate.verdicts import RunOutcomes
@@ -150,8 +139,8 @@ def make_resolver(client: Client) -> baselines.Resolve:
 class GateReplay(NamedTuple):
     """Known failures injected into the new planner, and into the baseline's own."""
 
-    now: KnownReplay
-    before: KnownReplay
+    now: known_failures.KnownReplay
+    before: known_failures.KnownReplay
 
 
 class BaselineFailures(NamedTuple):
@@ -183,18 +172,22 @@ def find_known_failures(
     analysis = find_or_run_analysis(client, place, before.id)
     shrunk: list[tuple[Campaign, int]] = []
     for campaign in client.campaigns.list(CampaignState.DONE, archived=True):
-        if is_minimal_search(campaign, before, analysis):
+        if known_failures.is_minimal_search(campaign, before, analysis):
             with suppress(Conflict):  # what it shrank did not fail again
                 shrunk.append((campaign, client.campaigns.minimal(campaign.id).index))
 
-    def list_replays(under: RunSettings) -> Iterator[KnownReplay]:
-        yield from make_mode_replays(under, before, analysis)
+    def list_replays(under: known_failures.RunSettings) -> Iterator[known_failures.KnownReplay]:
+        yield from known_failures.make_mode_replays(under, before, analysis)
         for campaign, index in shrunk:
             drawn = _find_drawn_parameters(campaign, index)
-            yield make_minimal_replay(under, campaign, index, drawn)
+            yield known_failures.make_minimal_replay(under, campaign, index, drawn)
 
-    old = RunSettings(baselines.find_run(before, member), SuiteMember(member.name, before.spec))
-    both = zip(list_replays(RunSettings(run, member)), list_replays(old), strict=True)
+    old = known_failures.RunSettings(
+        baselines.find_run(before, member), SuiteMember(member.name, before.spec)
+    )
+    both = zip(
+        list_replays(known_failures.RunSettings(run, member)), list_replays(old), strict=True
+    )
     notes = () if analysis.result else (f"It has no failure modes: {analysis.problem}",)
     return BaselineFailures(tuple(GateReplay(*each) for each in both), notes)
 
@@ -284,7 +277,7 @@ class Runner:
     ) -> MemberReport:
         """The verdict on a member that the baseline has."""
         findings = (
-            make_known_findings(
+            known_failures.make_known_findings(
                 self._find_proof(replay),
                 _index_episodes(self._client, now[replay.now.member.name]),
                 self._pages,
@@ -300,12 +293,14 @@ class Runner:
             notes=known.notes,
         )
 
-    def _find_proof(self, replay: GateReplay) -> KnownReplay:
+    def _find_proof(self, replay: GateReplay) -> known_failures.KnownReplay:
         """Return the replays, with their outcomes for the baseline's version of the planner."""
         (found,) = self._client.suites.find(Suite("", (replay.before.member,)))
         if found is None or found.state is not CampaignState.DONE:
             return replay.now
-        return drop_unproven(replay.now, map_outcomes(_index_episodes(self._client, found)))
+        return known_failures.drop_unproven(
+            replay.now, known_failures.map_outcomes(_index_episodes(self._client, found))
+        )
 
     def _judge_rerun(self, was: Campaign, now: Campaign, gate: GateRun) -> Rerun:
         """The verdict on a campaign that was run again."""
@@ -313,10 +308,10 @@ class Runner:
         side = self._read_side(now)
         before = self._read_side(was)
         judged = judge_rerun(before, side, comparison, self._pages, gate.by, gate.closing)
-        if not needs_modes(judged):
+        if not known_failures.needs_modes(judged):
             return judged
         together = find_or_run_analysis(self._client, self._place, was.id, now.id)
-        return add_modes(judged, together, side, self._pages)
+        return known_failures.add_modes(judged, together, side, self._pages)
 
     def _read_side(self, campaign: Campaign) -> RerunSide:
         """Return a campaign with the outcomes of its episodes."""
