@@ -27,6 +27,13 @@ SAMPLES = ("monte_carlo", "held")
 seeds are one sample. Searches and what they leave differ from seed to seed."""
 
 
+EARLIER_DIFS = """\
+- **Earlier `difs`**: `difs` and `difs_paper` on this page ran with an earlier version of `difs`. It
+  was a mixture of normals, corrected by a small network, and `difs_paper` weighed its condition
+  by 2. The present `difs` was not run for this page yet.
+"""
+
+
 class SeedRuns(msgspec.Struct, frozen=True):
     """What was found with each seed."""
 
