@@ -70,8 +70,9 @@ SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Methods and settings by the name in figures; `ast` is one search, without restarts."""
 
-ON_ROADS = {"go_explore"}
-"""Searches that continue episodes from a step on, which functions do not have."""
+ON_ROADS = {"difs", "go_explore"}
+"""Searches that do not run on functions. `go_explore` continues episodes from a step on, which
+functions do not have. Figures `difs.*` are about `difs` on functions with more regions."""
 
 
 class KnownRegions(NamedTuple):
