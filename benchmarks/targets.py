@@ -88,10 +88,7 @@ TARGETS = {
     "paper.steps": Target(low=600.0),
     "unavoidable.undisturbed.collisions": Target(high=0.0),
     "unavoidable.mc2000.collisions": Target(high=0.0),
-    **{
-        f"unavoidable.paper_brakes.{method}": Target(high=0.0)
-        for method in ("held", "cma", "ast")
-    },
+    **{f"unavoidable.paper_brakes.{method}": Target(high=0.0) for method in ("held", "cma", "ast")},
     "unavoidable.share.held": Target(low=0.1, high=0.9),
     "unavoidable.share.cma": Target(low=0.1, high=0.9),
     "paper_steps.all.white.failure_rate": Target(high=0.0, paper=0.0),

@@ -203,10 +203,7 @@ TRIALS = tuple(
 )
 TARGETS = {
     "difs.any_time.network.regions": Target(low=15.0),
-    **{
-        f"difs.network_gain.{place}": Target(low=2.0)
-        for place in ("any_time", "four_windows")
-    },
+    **{f"difs.network_gain.{place}": Target(low=2.0) for place in ("any_time", "four_windows")},
     **{
         f"difs.{place}.network.mean_square_z": Target(high=1.5)
         for place in ("any_time", "four_windows", "cut_in")

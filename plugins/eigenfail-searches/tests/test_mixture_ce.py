@@ -17,7 +17,7 @@ from eigenfail_searches.mixture_ce.modes import (
     make_prior_mixture,
     prepare_elite,
 )
-from eigenfail_searches.mixture_ce.settings import MixtureSettings
+from eigenfail_searches.mixture_ce.settings import MixtureCeSettings
 from eigenfail_services.methods.trials import TrialMemory
 
 SHARES = np.array([0.3, 0.7])
@@ -27,7 +27,7 @@ HORIZON = 2
 
 def make_learner(episodes=100, horizon=5, **settings):
     nothing = np.zeros((0, horizon, 2), np.float32)
-    given = read_settings(MixtureSettings, settings, "settings")
+    given = read_settings(MixtureCeSettings, settings, "settings")
     return MixtureCrossEntropy(LearnerContext(0, episodes, horizon, nothing), given)
 
 

@@ -12,7 +12,7 @@ from eigenfail.values.episode import EpisodeResult, PriorSource, TrajectorySourc
 from eigenfail.values.learning import LearnerContext, Proposal, RoundSizes
 from eigenfail_searches.mixture_ce import modes
 from eigenfail_searches.mixture_ce.elite import has_elites, select_elite
-from eigenfail_searches.mixture_ce.settings import MixtureSettings
+from eigenfail_searches.mixture_ce.settings import MixtureCeSettings
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.archive import take
 from eigenfail_services.methods.batch_learner import limit_round
@@ -42,7 +42,7 @@ class MixtureCrossEntropy:
         lookahead: 0, as each round is sampled from a mixture of all earlier rounds.
     """
 
-    Settings = MixtureSettings
+    Settings = MixtureCeSettings
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """State besides arrays: counters, and the factor of the means."""
@@ -55,7 +55,7 @@ class MixtureCrossEntropy:
     traits = MethodTraits(chart_mark=18, references={})
     lookahead = 0
 
-    def __init__(self, context: LearnerContext, settings: MixtureSettings) -> None:
+    def __init__(self, context: LearnerContext, settings: MixtureCeSettings) -> None:
         self._settings = settings
         self._seed = context.seed
         self._shape = context.horizon, context.channels
@@ -67,7 +67,7 @@ class MixtureCrossEntropy:
         self._facts = self._Facts(settings.scale)
 
     @staticmethod
-    def round_sizes(settings: MixtureSettings, episodes: int) -> RoundSizes:
+    def round_sizes(settings: MixtureCeSettings, episodes: int) -> RoundSizes:
         """Return the number of draws from the prior, and the size of each later round."""
         return RoundSizes(settings.size_initial(episodes), settings.size_round(episodes))
 

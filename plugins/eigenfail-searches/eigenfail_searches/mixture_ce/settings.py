@@ -18,7 +18,7 @@ DRAWS_PER_ELITE = 4
 ROUND_SHARE, SMALLEST_ROUND = 0.04, 10
 
 
-class MixtureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class MixtureCeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of `mixture_ce`."""
 
     initial: Annotated[
