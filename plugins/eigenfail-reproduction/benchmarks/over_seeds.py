@@ -28,9 +28,9 @@ seeds are one sample. Searches and what they leave differ from seed to seed."""
 
 
 EARLIER_DIFS = """\
-- **Earlier `difs`**: `difs` and `difs_paper` on this page ran with an earlier version of `difs`. It
-  was a mixture of normals, corrected by a small network, and `difs_paper` weighed its condition
-  by 2. The present `difs` was not run for this page yet.
+- **Earlier `difs`**: in the tables `difs` and `difs_paper` are of an earlier version of `difs`. It
+  was a mixture of normals, corrected by a small network; `difs_paper` had a guidance of 2.
+  `eigenfail reproduce` runs the present `difs`: its rows will differ.
 """
 
 
