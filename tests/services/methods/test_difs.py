@@ -79,10 +79,11 @@ def test_a_state_with_the_weights_of_another_network_is_refused():
         make_difs(width=8).restore(archive.write("difs", facts, arrays))
 
 
-def test_a_threshold_at_failures_asks_for_samples_at_robustness_zero(episode):
+@pytest.mark.parametrize("robustness", [0.0, -9.0])
+def test_a_threshold_at_failures_asks_for_samples_at_robustness_zero(episode, robustness):
     learner = make_difs(initial_share=0.1)
     learner.propose(10)
-    learner.observe([episode(np.full((5, 2), i), 0.0) for i in range(10)])
+    learner.observe([episode(np.full((5, 2), i), robustness) for i in range(10)])
     assert len(learner.propose(5).sources) == 5
     assert learner._draw_conditions(5).tolist() == [0.0] * 5
 

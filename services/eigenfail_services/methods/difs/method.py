@@ -223,8 +223,9 @@ class DiffusionFailureSampling:
 
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
-        threshold = (self._facts.threshold_m or 0.0) / self._facts.scale_m
-        threshold = min(threshold, LARGEST_CONDITION)
+        # A simulator of somebody else may say how far a failure lies beyond the border.
+        reached = max(self._facts.threshold_m or 0.0, 0.0)
+        threshold = min(reached / self._facts.scale_m, LARGEST_CONDITION)
         random = np.random.default_rng([self._seed, self._draw()])
         # From below 0, as in the reference code (sisl/DiFS): some draws ask for failures.
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
