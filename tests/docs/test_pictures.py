@@ -61,7 +61,7 @@ def test_pictures_of_the_readme_show_the_figures_of_its_text(root):
     campaign, analysis = (
         read_words(root / "docs" / "pictures" / "screens" / f"{name}.png") for name in names
     )
-    of_ast = r"^ 2 ast +(\d+) +(\d+) (\S+ %) of its search +(\S+) +(\S+)"
+    of_ast = r"^ 2 ast +(\d+) +(\d+) +(\S+ %) of its search +(\S+) +(\S+)"
     (row,) = re.findall(of_ast, readme, re.MULTILINE)
     episodes, failures, share, log_p, severity = row
     assert f"Failures {failures} of {episodes} {share} of its search" in campaign
