@@ -81,8 +81,8 @@ def load_adam(prefix: str, optimizer: torch.optim.Adam, arrays: Arrays) -> None:
         if f"{prefix}.{i}.step" not in arrays:
             continue
         moments = {key: torch.zeros_like(parameter) for key in ("exp_avg", "exp_avg_sq")}
-        # Before its first step Adam has no state: it is made as Adam would make it. A fused one
-        # counts its steps where the parameter is.
+        # Adam makes its state at its first step. Fused Adam keeps the step count on the device of
+        # the parameter, any other on the CPU.
         counter = torch.zeros((), device=parameter.device if _is_fused(optimizer) else "cpu")
         optimizer.state[parameter] = {"step": counter, **moments}
         for key, value in optimizer.state[parameter].items():

@@ -181,7 +181,7 @@ class Watched:
 
 
 def watch_a_round(episode, **settings):
-    """The model of a campaign of 60 after 40 from the prior, ten of which fail, and 20 samples."""
+    """Return the model after 40 episodes, ten of which fail, and a proposal of 20."""
     learner = make_difs(episodes=60, initial_share=2 / 3, round_size=20, **settings)
     model = Watched(learner)
     learner.propose(60)

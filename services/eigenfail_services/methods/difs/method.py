@@ -223,7 +223,7 @@ class DiffusionFailureSampling:
 
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
-        # A simulator of somebody else may say how far a failure lies beyond the border.
+        # Simulators may give failures a robustness below 0.
         reached = max(self._facts.threshold_m or 0.0, 0.0)
         threshold = min(reached / self._facts.scale_m, LARGEST_CONDITION)
         random = np.random.default_rng([self._seed, self._draw()])

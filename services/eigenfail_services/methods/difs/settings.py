@@ -127,7 +127,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class DifsPlan(msgspec.Struct, frozen=True):
-    """Division of the episodes of a campaign, and of what is trained on.
+    """Division of the episodes of a campaign, and choice of the training data.
 
     Attributes:
         initial: number of episodes from the prior.
