@@ -208,7 +208,7 @@ def test_the_paper_trains_on_the_elite_alone_and_knows_robustness_alone(episode)
     assert excess == 0.0
 
 
-def test_many_rounds_train_on_all_and_ask_for_the_likelier_half_of_the_elite(episode):
+def test_many_rounds_train_on_all_and_ask_for_the_median_excess_of_the_first_elite(episode):
     model = watch_a_round(episode)
     assert model.share == 0.5
     assert len(model.examples.z) == 40
@@ -219,12 +219,48 @@ def test_many_rounds_train_on_all_and_ask_for_the_likelier_half_of_the_elite(epi
 
 
 def test_settings_replace_what_a_schedule_says(episode):
-    given = {"prior_share": 0.5, "elite_share": 0.25, "excess_quantile": 0.0}
+    given = {"prior_share": 0.5, "elite_share": 0.25, "target_rate": 0.2, "preference": 2.0}
     model = watch_a_round(episode, schedule="paper", **given)
     assert model.share == 0.25
     ((conditions, excess),) = model.asked
     assert len(conditions) == 10
-    assert excess == model.examples.excess[model.examples.weights > 0.0].min()
+    assert excess > 0.0
+    weights = model.examples.weights[:20]
+    assert weights.max() / weights.min() == pytest.approx(np.exp(2.0))
+
+
+@pytest.mark.parametrize(("failed", "asked"), [(0, 2.0), (4, 1.0), (8, 0.5), (10, 0.25 * 2**0.5)])
+def test_samples_are_asked_for_less_excess_the_more_of_them_failed(episode, failed, asked):
+    """A round of 20: four draws from p(x), eleven samples, five moved ones."""
+    learner = make_difs(episodes=100, initial_share=0.4, round_size=20, target_rate=4 / 11)
+    model = Watched(learner)
+    learner.propose(100)
+    learner.observe([episode(np.zeros((5, 2)), float(i)) for i in range(1, 41)])
+    learner.propose(20)
+    robustness = [5.0] * 4 + [0.0] * failed + [5.0] * (11 - failed) + [0.0] * 5
+    learner.observe([episode(np.full((5, 2), 2.0), each) for each in robustness])
+    learner.propose(20)
+    assert [excess for _, excess in model.asked] == [1.0, pytest.approx(asked)]
+
+
+def test_samples_are_asked_for_no_more_excess_than_most_failures_have(episode):
+    learner = make_difs(episodes=100, initial_share=0.4, round_size=20)
+    model = Watched(learner)
+    learner.propose(100)
+    learner.observe([episode(np.full((5, 2), 1.5), float(max(0, i))) for i in range(-4, 36)])
+    learner.propose(20)
+    assert model.asked[0][1] == pytest.approx((10 * 1.5**2 - 10) / 20**0.5)
+    learner.observe([episode(np.full((5, 2), 3.0), 5.0)] * 20)
+    learner.propose(20)
+    assert model.asked[1][1] == model.asked[0][1], "no sample failed, but the failures are known"
+
+
+def test_a_search_without_failures_asks_for_a_mean_square_of_four_at_most(episode):
+    learner = make_difs(episodes=400, initial_share=0.1, round_size=20)
+    model = Watched(learner)
+    course(learner, episode, 400)
+    squares = [1.0 + excess * (2.0 / 10.0) ** 0.5 for _, excess in model.asked]
+    assert max(squares) == pytest.approx(4.0)
 
 
 def test_the_last_part_is_sampled_from_one_model(episode):

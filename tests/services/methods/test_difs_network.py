@@ -10,7 +10,11 @@ from eigenfail.functions import of_batch
 from eigenfail.values.episode import EpisodeTask, PriorSource
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.difs.method import DiffusionFailureSampling, weigh_elite
+from eigenfail_services.methods.difs.method import (
+    DiffusionFailureSampling,
+    prefer_likely,
+    weigh_elite,
+)
 from eigenfail_services.methods.difs.model import ConditionalDiffusion
 from eigenfail_services.methods.difs.settings import DifsSettings, LabelledNoise
 from eigenfail_services.methods.trials import compute_excess, move
@@ -281,16 +285,24 @@ def test_rounds_of_draws_from_the_prior_alone_go_on():
     assert learner.propose(1).sources == (PriorSource(),)
 
 
-def test_smaller_excess_quantile_gives_likelier_noise():
+def test_likely_trajectories_of_the_elite_weigh_more():
+    elite = np.array([True, False, True, True])
+    excess = np.array([5.0, 0.0, -1.0, 9.0], np.float32)
+    factors = prefer_likely(elite, excess, 2.0)
+    np.testing.assert_allclose(factors, np.exp([-1.0, 0.0, 0.0, -2.0]))
+    np.testing.assert_array_equal(prefer_likely(elite, excess, 0.0), np.ones(4))
+
+
+def test_smaller_target_gives_likelier_noise():
     squares = []
-    for quantile in (0.05, 0.95):
+    for target in (0.1, 0.9):
         learner = make_difs(
             horizon=STEPS,
             episodes=600,
             width=24,
             round_size=75,
             steps=100,
-            excess_quantile=quantile,
+            target_rate=target,
             first_steps=300,
         )
         engine = FunctionEngine(of_batch(lambda z: 2.0 - sum_windows(z).max(axis=1)), STEPS)

@@ -1,6 +1,7 @@
 """DiFS as a learner (Delecki et al. 2025): train, lower the threshold, sample, train again."""
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import Annotated
 
 import msgspec
@@ -37,7 +38,17 @@ MOVED = "moved."
 """Prefix of the arrays of moved trajectories in a state."""
 
 FEWEST_MOVED = 5
-"""With fewer moved trajectories in the elite, all of the elite have the same weight."""
+"""With fewer moved trajectories in the elite, they have no weight of their own."""
+
+SMALLEST_EXCESS = 1.0
+"""Excess that is asked for at first, at least: the standard deviation under p(x)."""
+
+FEWEST_FAILURES = 5
+"""With so many failures, their median excess is the most that is asked for: bolder samples would
+take the search away from likely failures that the network has not learnt yet."""
+
+LARGEST_SQUARE = 4.0
+"""Mean z² that is asked for, at most: a search that finds nothing would ask for ever more."""
 
 
 def weigh_elite(elite: NDArray[np.bool_], moved: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -55,6 +66,39 @@ def weigh_elite(elite: NDArray[np.bool_], moved: NDArray[np.bool_]) -> NDArray[n
         weights: NDArray[np.float64] = elite / np.count_nonzero(elite)
         return weights
     return 0.5 * own / np.count_nonzero(own) + 0.5 * spread / np.count_nonzero(spread)
+
+
+def prefer_likely(
+    elite: NDArray[np.bool_], excess: Floats, preference: float
+) -> NDArray[np.float64]:
+    """Return a factor for the weight of each trajectory, shape (n,); it falls with the excess.
+
+    It falls from 1 to exp(-preference) over the ranks of the elite, and is 1 for others.
+
+    Args:
+        elite: whether a trajectory is one of the elite, shape (n,).
+        excess: excess of its squared noise over p(x), shape (n,).
+        preference: logarithm of the largest factor ÷ the smallest.
+    """
+    ranks: NDArray[np.intp] = excess[elite].argsort().argsort()
+    factors = np.ones(len(elite))
+    factors[elite] = np.exp(-preference * ranks / max(1, len(ranks) - 1))
+    return factors
+
+
+def adapt_excess(asked: float, failed: float, target: float) -> float:
+    """Return the excess to ask for after samples with the excess `asked`.
+
+    As the 1/5 success rule (Rechenberg 1973) does for a step size: it is the same if the target is
+    met, and twice as large if no sample failed.
+
+    Args:
+        asked: excess that was asked for.
+        failed: share of the samples that failed.
+        target: share that should fail, above 0.
+    """
+    change: float = 2.0 ** (1.0 - failed / target)
+    return max(asked, SMALLEST_EXCESS) * change
 
 
 class DiffusionFailureSampling:
@@ -102,6 +146,8 @@ class DiffusionFailureSampling:
         self._seed = context.seed
         shape = context.horizon, context.channels
         self._plan = make_plan(context.episodes, settings)
+        numbers = context.horizon * context.channels
+        self._largest_excess = (LARGEST_SQUARE - 1.0) * sqrt(numbers / 2.0)
         self._limit = limit_round(context, context.episodes)
         self._model = load_class(MODEL)(settings, *shape, context.seed)
         self._trials = TrialMemory(*shape, settings.memory)
@@ -153,7 +199,10 @@ class DiffusionFailureSampling:
         if not len(fresh) or finished:
             return
         # Moved samples are the last ones of a proposal.
-        moved = self._divide(len(results))[1] if self._model.trained else 0
+        moved = 0
+        if self._model.trained:
+            drawn, moved = self._divide(len(results))
+            self._adapt_excess(results[drawn : len(results) - moved])
         self._trials.add(results[: len(results) - moved])
         self._moved.add(results[len(results) - moved :])
         self._lower_threshold(fresh)
@@ -221,6 +270,27 @@ class DiffusionFailureSampling:
         else:
             self._update_facts(threshold_m=min(before, reached))
 
+    def _adapt_excess(self, own: Sequence[EpisodeResult]) -> None:
+        """Ask for likelier samples after many failures among the network's own, else bolder ones.
+
+        The first training has chosen the excess by its elite.
+        """
+        if own and self._plan.target_rate is not None:
+            failed = sum(each.is_failure for each in own) / len(own)
+            adapted = adapt_excess(self._facts.excess, failed, self._plan.target_rate)
+            self._update_facts(excess=adapted)
+
+    def _choose_excess(
+        self, excess: Floats, elite: NDArray[np.bool_], failed: NDArray[np.bool_]
+    ) -> None:
+        """Begin with the excess of the first elite, and never ask for more than failures have."""
+        asked, most = self._facts.excess, self._largest_excess
+        if not self._model.trained:
+            asked = max(float(np.median(excess[elite])), SMALLEST_EXCESS)
+        if np.count_nonzero(failed) >= FEWEST_FAILURES:
+            most = min(most, float(np.median(excess[failed])))
+        self._update_facts(excess=min(asked, most))
+
     def _draw_conditions(self, count: int) -> Floats:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
         # Simulators may give failures a robustness below 0.
@@ -231,26 +301,29 @@ class DiffusionFailureSampling:
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _train(self) -> None:
-        """Train on the trajectories so far, and choose the excess of the next samples."""
+        """Train on the trajectories so far; the first training chooses the excess of samples."""
         both = self._trials, self._moved
         z, robustness = (
             np.concatenate([each.z for each in both]),
             np.concatenate([each.robustness for each in both]),
         )
         unseen = np.concatenate([each.find_unseen() for each in both])
-        elite, quantile = self._find_elite(robustness), self._plan.excess_quantile
-        # Without the quantile the network is not told the excess, which is 0 for all.
-        excess = np.zeros(len(z), np.float32)
-        if quantile is not None:
-            excess = trials.compute_excess(z, unseen)
-            self._update_facts(excess=float(np.quantile(excess[elite], quantile)))
+        elite = self._find_elite(robustness)
+        excess = trials.compute_excess(z, unseen)
+        weights = weigh_elite(elite, np.arange(len(z)) >= len(self._trials))
+        weights *= prefer_likely(elite, excess, self._plan.preference)
+        if self._plan.target_rate is None:
+            # The network is not told the excess.
+            excess = np.zeros_like(excess)
+        else:
+            self._choose_excess(excess, elite, robustness <= 0.0)
         condition = np.clip(robustness / np.float32(self._facts.scale_m), 0.0, LARGEST_CONDITION)
         examples = LabelledNoise(
             z=z,
             unseen=unseen,
             condition=condition.astype(np.float32),
             excess=excess,
-            weights=weigh_elite(elite, np.arange(len(z)) >= len(self._trials)),
+            weights=weights / weights.sum(),
         )
         plan = self._plan
         steps = plan.steps if self._model.trained else plan.first_steps

@@ -14,6 +14,7 @@ from eigenfail_services.methods import Amount, Id, UpToOne
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 PartShare = Annotated[float, Meta(ge=0.0, lt=1.0)]
+Preference = Annotated[float, Meta(ge=0.0, le=20.0)]
 Steps = Annotated[int, Meta(ge=1, le=1_000_000)]
 
 STEPS_PER_JITTER = 20
@@ -64,11 +65,18 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             "trajectories; none: the schedule's"
         ),
     ] = None
-    excess_quantile: Annotated[
-        Share | None,
+    target_rate: Annotated[
+        UpToOne | None,
         Meta(
-            description="quantile of the elite's excess that samples are asked for; larger: more "
-            "failures, less likely ones; none: the schedule's"
+            description="share of the network's samples that the search makes fail; smaller: "
+            "likelier failures, fewer of them; none: the schedule's"
+        ),
+    ] = None
+    preference: Annotated[
+        Preference | None,
+        Meta(
+            description="preference for likely noise in training: log of the weight of the "
+            "elite's likeliest trajectory ÷ that of its least likely one; none: the schedule's"
         ),
     ] = None
     # The paper keeps the lowest 30 %; the reference code (sisl/DiFS) half.
@@ -138,8 +146,10 @@ class DifsPlan(msgspec.Struct, frozen=True):
         prior_share: share of a later round that is drawn from the prior.
         moved_share: share of the network's samples that are shifted in time and mirrored.
         elite_share: share of the elite in a batch.
-        excess_quantile: quantile of the elite's excess that samples are asked for; None: the
-            network is not told the excess.
+        target_rate: share of the network's samples that should fail, by the excess that they are
+            asked for; None: the network is not told the excess.
+        preference: logarithm of the weight of the elite's likeliest trajectory ÷ that of its
+            least likely one.
     """
 
     initial: int
@@ -150,7 +160,8 @@ class DifsPlan(msgspec.Struct, frozen=True):
     prior_share: float
     moved_share: float
     elite_share: float
-    excess_quantile: float | None
+    target_rate: float | None
+    preference: float
 
 
 ROUNDS = 15
@@ -178,7 +189,8 @@ def plan_many_rounds(episodes: int, settings: DifsSettings) -> DifsPlan:
         prior_share=0.2,
         moved_share=0.3,
         elite_share=0.5,
-        excess_quantile=0.5,
+        target_rate=0.5,
+        preference=4.0,
     )
 
 
@@ -193,7 +205,8 @@ def plan_paper(episodes: int, _settings: DifsSettings) -> DifsPlan:
         prior_share=0.0,
         moved_share=0.0,
         elite_share=1.0,
-        excess_quantile=None,
+        target_rate=None,
+        preference=0.0,
     )
 
 
@@ -209,7 +222,8 @@ OVERRIDES = (
     "prior_share",
     "moved_share",
     "elite_share",
-    "excess_quantile",
+    "target_rate",
+    "preference",
 )
 """Settings that replace what the schedule says under the same name."""
 
