@@ -196,12 +196,12 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
         learner = make_difs(
             horizon=STEPS, episodes=1500, width=24, round_size=125, steps=100, moved_share=share
         )
-        engine = FunctionEngine(of_batch(lambda z: 4.0 - np.abs(sum_pushes(z)).max(axis=1)), STEPS)
+        engine = FunctionEngine(of_batch(lambda z: 5.0 - np.abs(sum_pushes(z)).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 5, 1500), engine))
         sums = sum_pushes(noise_of(learner.exploit(300)).astype(np.float64))
         begin = np.abs(sums).argmax(axis=1)
         largest = sums[np.arange(len(sums)), begin]
-        found = np.abs(largest) >= 4.0
+        found = np.abs(largest) >= 5.0
         regions.append(
             len(
                 {
@@ -305,7 +305,7 @@ def test_smaller_target_gives_likelier_noise():
             target_rate=target,
             first_steps=300,
         )
-        engine = FunctionEngine(of_batch(lambda z: 2.0 - sum_windows(z).max(axis=1)), STEPS)
+        engine = FunctionEngine(of_batch(lambda z: 3.0 - sum_windows(z).max(axis=1)), STEPS)
         list(run_in_process(Rounds(learner, 3, 600), engine))
         squares.append((noise_of(learner.exploit(200)) ** 2).mean())
     assert squares[0] < squares[1] - 0.05
