@@ -22,6 +22,7 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.records import Totals
 from eigenfail.values.safety import MOST_POINTS, SafetyTotals
+from eigenfail_services.store import totals
 from eigenfail_services.store.engine import Database, StorePart
 from eigenfail_services.store.schema import (
     campaigns,
@@ -31,14 +32,6 @@ from eigenfail_services.store.schema import (
     is_failure,
     spec_field,
     spent_usd,
-)
-from eigenfail_services.store.totals import (
-    count_results,
-    select_unresolved,
-    sum_blocks,
-    sum_campaigns,
-    sum_safety,
-    sum_spending,
 )
 
 Answer = TypeVar("Answer")
@@ -177,7 +170,7 @@ class FigureStore(StorePart):
         known = {each: self._totals.known(each, counts.get(each, 0)) for each in campaigns}
         missing = [each for each, found in known.items() if found is None]
         if missing:
-            fresh = self._database.read(sum_campaigns, missing)
+            fresh = self._database.read(totals.sum_campaigns, missing)
             for each, found in fresh.items():
                 self._totals.put(each, counts.get(each, 0), found)
             known |= fresh
@@ -185,7 +178,7 @@ class FigureStore(StorePart):
 
     def course(self, campaign: int, per: int) -> list[summary.BlockTotals]:
         """Return sums over the completed episodes of each block of `per` indices, in order."""
-        return self._ask_once(sum_blocks, campaign, per)
+        return self._ask_once(totals.sum_blocks, campaign, per)
 
     def safety(self, campaign: int, most: int = MOST_POINTS) -> SafetyTotals:
         """Return safety measures of the completed episodes, and at most `most` failures as points.
@@ -193,7 +186,7 @@ class FigureStore(StorePart):
         If more failures have a severity, the points are every k-th of them in index order, from the
         first failure on. The smallest sufficient k is used.
         """
-        return self._ask_once(sum_safety, campaign, most)
+        return self._ask_once(totals.sum_safety, campaign, most)
 
     def spending(self, campaign: int, most: int = summary.MOST_LANDINGS) -> summary.SpendingTotals:
         """Return the worker time in the episodes, and when they landed.
@@ -201,7 +194,7 @@ class FigureStore(StorePart):
         The progress consists of every k-th completed episode, by storage time and then by index,
         and of the last one. The smallest k that leaves at most `most` episodes is used.
         """
-        return self._ask_once(sum_spending, campaign, most)
+        return self._ask_once(totals.sum_spending, campaign, most)
 
     def samples(
         self, campaign: int, most: int = summary.MOST_SAMPLES
@@ -242,7 +235,7 @@ class FigureStore(StorePart):
         counted = _COUNTED.get()
         if counted and counted.figures is self and [*campaigns] == [counted.campaign]:
             return {counted.campaign: counted.results}
-        return self._database.read(count_results, campaigns)
+        return self._database.read(totals.count_results, campaigns)
 
 
 def _read_samples(
@@ -285,7 +278,7 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requir
 
 
 def _select_pools() -> sa.Select[*tuple[Any, ...]]:
-    ended = select_unresolved().subquery()
+    ended = totals.select_unresolved().subquery()
     rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
     judges_failures = sa.case((sa.and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (

@@ -86,21 +86,6 @@ def prefer_likely(
     return factors
 
 
-def adapt_excess(asked: float, failed: float, target: float) -> float:
-    """Return the excess to ask for after samples with the excess `asked`.
-
-    As the 1/5 success rule (Rechenberg 1973) does for a step size: it is the same if the target is
-    met, and twice as large if no sample failed.
-
-    Args:
-        asked: excess that was asked for.
-        failed: share of the samples that failed.
-        target: share that should fail, above 0.
-    """
-    change: float = 2.0 ** (1.0 - failed / target)
-    return max(asked, SMALLEST_EXCESS) * change
-
-
 class DiffusionFailureSampling:
     """Samples p(x | robustness) at low robustness, which decreases from round to round.
 
@@ -241,9 +226,8 @@ class DiffusionFailureSampling:
     def _sample_round(self, count: int) -> Proposal:
         """Return draws from the prior, samples below the threshold, and moved samples."""
         drawn, moved = self._divide(count)
-        z = self._model.sample(
-            self._draw_conditions(count - drawn), self._facts.excess, self._draw()
-        )
+        conditions = self._draw_conditions(count - drawn)
+        z = self._model.sample(conditions, self._facts.excess, self._draw())
         random = np.random.default_rng([self._seed, self._draw()])
         own = len(z) - moved
         z = np.concatenate([z[:own], trials.move(z[own:], random)])
@@ -273,22 +257,22 @@ class DiffusionFailureSampling:
     def _adapt_excess(self, own: Sequence[EpisodeResult]) -> None:
         """Ask for likelier samples after many failures among the network's own, else bolder ones.
 
-        The first training has chosen the excess by its elite.
+        As the 1/5 success rule (Rechenberg 1973) does for a step size: the excess stays the same if
+        the target is met, and doubles if no sample failed.
         """
-        if own and self._plan.target_rate is not None:
+        target = self._plan.target_rate
+        if own and target is not None:
             failed = sum(each.is_failure for each in own) / len(own)
-            adapted = adapt_excess(self._facts.excess, failed, self._plan.target_rate)
-            self._update_facts(excess=adapted)
+            asked = max(self._facts.excess, SMALLEST_EXCESS)
+            self._update_facts(excess=asked * 2.0 ** (1.0 - failed / target))
 
-    def _choose_excess(
-        self, excess: Floats, elite: NDArray[np.bool_], failed: NDArray[np.bool_]
-    ) -> None:
+    def _choose_excess(self, of_elite: Floats, of_failures: Floats) -> None:
         """Begin with the excess of the first elite, and never ask for more than failures have."""
         asked, most = self._facts.excess, self._largest_excess
         if not self._model.trained:
-            asked = max(float(np.median(excess[elite])), SMALLEST_EXCESS)
-        if np.count_nonzero(failed) >= FEWEST_FAILURES:
-            most = min(most, float(np.median(excess[failed])))
+            asked = max(float(np.median(of_elite)), SMALLEST_EXCESS)
+        if len(of_failures) >= FEWEST_FAILURES:
+            most = min(most, float(np.median(of_failures)))
         self._update_facts(excess=min(asked, most))
 
     def _draw_conditions(self, count: int) -> Floats:
@@ -303,10 +287,8 @@ class DiffusionFailureSampling:
     def _train(self) -> None:
         """Train on the trajectories so far; the first training chooses the excess of samples."""
         both = self._trials, self._moved
-        z, robustness = (
-            np.concatenate([each.z for each in both]),
-            np.concatenate([each.robustness for each in both]),
-        )
+        z = np.concatenate([each.z for each in both])
+        robustness = np.concatenate([each.robustness for each in both])
         unseen = np.concatenate([each.find_unseen() for each in both])
         elite = self._find_elite(robustness)
         excess = trials.compute_excess(z, unseen)
@@ -316,7 +298,7 @@ class DiffusionFailureSampling:
             # The network is not told the excess.
             excess = np.zeros_like(excess)
         else:
-            self._choose_excess(excess, elite, robustness <= 0.0)
+            self._choose_excess(excess[elite], excess[robustness <= 0.0])
         condition = np.clip(robustness / np.float32(self._facts.scale_m), 0.0, LARGEST_CONDITION)
         examples = LabelledNoise(
             z=z,
@@ -332,9 +314,8 @@ class DiffusionFailureSampling:
     def _find_elite(self, robustness: Floats) -> NDArray[np.bool_]:
         """Return which trajectories are at or below the threshold, or among the best."""
         least = np.sort(robustness)[:SMALLEST_ELITE].max(initial=-np.inf)
-        elite: NDArray[np.bool_] = robustness <= max(
-            np.float32(self._facts.threshold_m or 0.0), least
-        )
+        limit = max(np.float32(self._facts.threshold_m or 0.0), least)
+        elite: NDArray[np.bool_] = robustness <= limit
         return elite
 
     def _draw(self) -> int:

@@ -14,7 +14,6 @@ from eigenfail_services.methods import Amount, Id, UpToOne
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 PartShare = Annotated[float, Meta(ge=0.0, lt=1.0)]
-Preference = Annotated[float, Meta(ge=0.0, le=20.0)]
 Steps = Annotated[int, Meta(ge=1, le=1_000_000)]
 
 STEPS_PER_JITTER = 20
@@ -58,25 +57,11 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             "none: the schedule's"
         ),
     ] = None
-    elite_share: Annotated[
-        Share | None,
-        Meta(
-            description="share of a batch that is drawn from the elite, and the rest from all "
-            "trajectories; none: the schedule's"
-        ),
-    ] = None
     target_rate: Annotated[
         UpToOne | None,
         Meta(
             description="share of the network's samples that the search makes fail; smaller: "
             "likelier failures, fewer of them; none: the schedule's"
-        ),
-    ] = None
-    preference: Annotated[
-        Preference | None,
-        Meta(
-            description="preference for likely noise in training: log of the weight of the "
-            "elite's likeliest trajectory ÷ that of its least likely one; none: the schedule's"
         ),
     ] = None
     # The paper keeps the lowest 30 %; the reference code (sisl/DiFS) half.
@@ -215,16 +200,7 @@ SCHEDULES: dict[str, Callable[[int, DifsSettings], DifsPlan]] = {
     "paper": plan_paper,
 }
 
-OVERRIDES = (
-    "round_size",
-    "first_steps",
-    "steps",
-    "prior_share",
-    "moved_share",
-    "elite_share",
-    "target_rate",
-    "preference",
-)
+OVERRIDES = ("round_size", "first_steps", "steps", "prior_share", "moved_share", "target_rate")
 """Settings that replace what the schedule says under the same name."""
 
 
