@@ -206,6 +206,6 @@ TARGETS = {
     **{f"difs.network_gain.{place}": Target(low=2.0) for place in ("any_time", "four_windows")},
     **{
         f"difs.{place}.network.mean_square_z": Target(high=1.5)
-        for place in ("any_time", "four_windows", "cut_in")
+        for place in ("any_time", "four_windows")
     },
 }
