@@ -38,7 +38,7 @@ MOVED = "moved."
 """Prefix of the arrays of moved trajectories in a state."""
 
 FEWEST_MOVED = 5
-"""With fewer moved trajectories in the elite, they have no weight of their own."""
+"""With fewer moved trajectories in the elite, they have no share of their own."""
 
 SMALLEST_EXCESS = 1.0
 """Excess that is asked for at first, at least: the standard deviation under p(x)."""
