@@ -177,7 +177,7 @@ class Watched:
 
     def sample(self, condition, excess, draw):
         self.asked.append((condition, excess))
-        return np.zeros((len(condition), 5, 2), np.float32)
+        return np.zeros((len(condition), *self.examples.z.shape[1:]), np.float32)
 
 
 def watch_a_round(episode, **settings):
@@ -253,12 +253,16 @@ def test_samples_are_asked_for_no_more_excess_than_most_failures_have(episode):
     assert model.asked[1][1] == model.asked[0][1], "no sample failed, but the failures are known"
 
 
-def test_a_search_without_failures_asks_for_a_mean_square_of_four_at_most(episode):
-    learner = make_difs(episodes=400, initial_share=0.1, round_size=20)
+@pytest.mark.parametrize(("horizon", "most"), [(5, 30.0), (1000, 3.0 * 1000**0.5)])
+def test_a_search_without_failures_asks_for_so_much_excess_at_most(episode, horizon, most):
+    learner = make_difs(horizon=horizon, episodes=300, initial_share=0.1, round_size=20)
     model = Watched(learner)
-    course(learner, episode, 400)
-    squares = [1.0 + excess * (2.0 / 10.0) ** 0.5 for _, excess in model.asked]
-    assert max(squares) == pytest.approx(4.0)
+    learner.propose(30)
+    learner.observe([episode(np.zeros((horizon, 2)), 2.0 + i) for i in range(30)])
+    for _ in range(10):
+        learner.propose(20)
+        learner.observe([episode(np.zeros((horizon, 2)), 2.0)] * 20)
+    assert max(excess for _, excess in model.asked) == pytest.approx(most)
 
 
 def test_the_last_part_is_sampled_from_one_model(episode):

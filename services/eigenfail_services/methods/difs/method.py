@@ -47,8 +47,9 @@ FEWEST_FAILURES = 5
 """With so many failures, their median excess is the most that is asked for: bolder samples would
 take the search away from likely failures that the network has not learnt yet."""
 
-LARGEST_SQUARE = 4.0
-"""Mean z² that is asked for, at most: a search that finds nothing would ask for ever more."""
+LARGEST_SQUARE, LARGEST_EXCESS = 4.0, 30.0
+"""Mean z² that is asked for, at most: a search that finds nothing would ask for ever more. With few
+random numbers an excess of 30 may be asked for, as their rare failures have a larger mean z²."""
 
 
 def weigh_elite(elite: NDArray[np.bool_], moved: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -132,7 +133,7 @@ class DiffusionFailureSampling:
         shape = context.horizon, context.channels
         self._plan = make_plan(context.episodes, settings)
         numbers = context.horizon * context.channels
-        self._largest_excess = (LARGEST_SQUARE - 1.0) * sqrt(numbers / 2.0)
+        self._largest_excess = max(LARGEST_EXCESS, (LARGEST_SQUARE - 1.0) * sqrt(numbers / 2.0))
         self._limit = limit_round(context, context.episodes)
         self._model = load_class(MODEL)(settings, *shape, context.seed)
         self._trials = TrialMemory(*shape, settings.memory)

@@ -13,7 +13,7 @@ IN_CORRIDOR = {
     "ast": (100, {**SMALL_AST, "hold": 4}),
     "cma": (400, {"hold": 4}),
     "cem": (400, {}),
-    "difs": (500, {"first_steps": 100, "steps": 40, "width": 32}),
+    "difs": (500, {"first_steps": 200, "steps": 100, "width": 32}),
 }
 
 
@@ -48,10 +48,10 @@ def test_subset_sees_both_corners_and_tells_their_probability():
 
 
 def test_difs_sees_both_corners():
-    """Of the seeds 3030 to 3035 it does so from five: from the other it finds no failure."""
+    """With each of the seeds 3030 to 3035 a tenth of its failures or more lie in each corner."""
     given = {"first_steps": 100, "steps": 60, "width": 24}
     _, results = run_search(TwoModes(), "difs", 1000, 3032, **given)
-    assert failure_rate(results) >= 3000 * TwoModes.probability
+    assert failure_rate(results) >= 10_000 * TwoModes.probability
     assert 0.2 < sides(results) < 0.8
 
 
