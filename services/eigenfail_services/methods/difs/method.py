@@ -1,7 +1,7 @@
 """DiFS as a learner (Delecki et al. 2025): train, lower the threshold, sample, train again."""
 
 from collections.abc import Sequence
-from math import sqrt
+from math import prod, sqrt
 from typing import Annotated
 
 import msgspec
@@ -48,15 +48,17 @@ FEWEST_FAILURES = 5
 take the search away from likely failures that the network has not learnt yet."""
 
 LARGEST_SQUARE, LARGEST_EXCESS = 4.0, 30.0
-"""Mean z² that is asked for, at most: a search that finds nothing would ask for ever more. With few
-random numbers an excess of 30 may be asked for, as their rare failures have a larger mean z²."""
+"""Mean z² and excess that are asked for, at most; the larger of the two limits counts. Without a
+limit, a search that finds nothing would ask for ever more. With few random numbers, a mean z² of 4
+is no rare noise, and the limit of the excess counts."""
 
 
 def weigh_elite(elite: NDArray[np.bool_], moved: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the chance of each trajectory in the elite's part of a batch, shape (n,).
 
-    Half of it is moved trajectories, if there are enough: they are spread over all regions of
-    failures. A network that learns from its own samples alone keeps ever fewer of the regions.
+    Half of it is moved trajectories, if there are enough, before `prefer_likely` changes the
+    shares: moved trajectories are spread over all regions of failures. A network that learns from
+    its own samples alone keeps ever fewer of the regions.
 
     Args:
         elite: whether a trajectory is one of the elite, shape (n,).
@@ -93,7 +95,7 @@ class DiffusionFailureSampling:
     The algorithm of Delecki et al. (2025, arXiv 2406.14761) with another network, which has a
     slow mean, and another sampler, which takes few steps. The schedule `paper` has the paper's
     division of the episodes and its training data. `many_rounds` has more and smaller rounds, and
-    four further changes. A part of each round is drawn from the prior. Batches are half elite and
+    further changes. A part of each round is drawn from the prior. Batches are half elite and
     half any episodes. The network also knows how unlikely a trajectory is, so that samples can be
     asked to be likely. Some samples are shifted in time and mirrored, which finds more regions of
     failures.
@@ -132,8 +134,8 @@ class DiffusionFailureSampling:
         self._seed = context.seed
         shape = context.horizon, context.channels
         self._plan = make_plan(context.episodes, settings)
-        numbers = context.horizon * context.channels
-        self._largest_excess = max(LARGEST_EXCESS, (LARGEST_SQUARE - 1.0) * sqrt(numbers / 2.0))
+        by_square = (LARGEST_SQUARE - 1.0) * sqrt(prod(shape) / 2.0)
+        self._largest_excess = max(LARGEST_EXCESS, by_square)
         self._limit = limit_round(context, context.episodes)
         self._model = load_class(MODEL)(settings, *shape, context.seed)
         self._trials = TrialMemory(*shape, settings.memory)
@@ -259,16 +261,15 @@ class DiffusionFailureSampling:
         """Ask for likelier samples after many failures among the network's own, else bolder ones.
 
         As the 1/5 success rule (Rechenberg 1973) does for a step size: the excess stays the same if
-        the target is met, and doubles if no sample failed.
+        the target is met, and doubles if no sample failed. A smaller excess than 1 counts as 1.
         """
-        target = self._plan.target_rate
-        if own and target is not None:
-            failed = sum(each.is_failure for each in own) / len(own)
-            asked = max(self._facts.excess, SMALLEST_EXCESS)
-            self._update_facts(excess=asked * 2.0 ** (1.0 - failed / target))
+        failures = [each.is_failure for each in own if each.measures is not None]
+        if failures and self._plan.target_rate is not None:
+            missed = 1.0 - sum(failures) / len(failures) / self._plan.target_rate
+            self._update_facts(excess=max(self._facts.excess, SMALLEST_EXCESS) * 2.0**missed)
 
     def _choose_excess(self, of_elite: Floats, of_failures: Floats) -> None:
-        """Begin with the excess of the first elite, and never ask for more than failures have."""
+        """Begin with the median excess of the first elite; limit it by that of known failures."""
         asked, most = self._facts.excess, self._largest_excess
         if not self._model.trained:
             asked = max(float(np.median(of_elite)), SMALLEST_EXCESS)

@@ -94,6 +94,8 @@ class ConditionalDiffusion:
     def __init__(self, settings: DifsSettings, horizon: int, channels: int, seed: int) -> None:
         # Several learners share a machine, and sums over threads would depend on their number.
         torch.set_num_threads(1)
+        # Otherwise convolutions on a GPU are rounded, and not the same each time.
+        torch.backends.cudnn.deterministic, torch.backends.cudnn.allow_tf32 = True, False
         self._settings = settings
         self._shape = horizon, channels
         self._jitter = settings.choose_jitter(horizon)

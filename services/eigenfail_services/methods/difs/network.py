@@ -126,8 +126,8 @@ class ConditionalDenoiser(nn.Module):
         at = torch.linspace(0.0, pi, self._positions)
         waves = [torch.sin(at), torch.cos(at), torch.sin(2 * at), torch.cos(2 * at)]
         self.register_buffer("places", torch.stack(waves))
-        # As convolutions, too: with the kernels of learners, which all processors have, they take
-        # two thirds of the time of matrix products.
+        # As convolutions, too: in a learner's process (`NUMERIC_ENVIRONMENT`) they take two thirds
+        # of the time of matrix products.
         self.first = nn.Conv1d(self._size + PLACES, width, 1)
         self.blocks = nn.ModuleList([ResidualBlock(width, each) for each in DILATIONS])
         self.last = nn.Conv1d(width, self._size, 1)

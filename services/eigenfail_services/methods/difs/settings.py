@@ -60,7 +60,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     target_rate: Annotated[
         UpToOne | None,
         Meta(
-            description="share of the network's samples that the search makes fail; smaller: "
+            description="share of the network's samples that are meant to fail; smaller: "
             "likelier failures, fewer of them; none: the schedule's"
         ),
     ] = None
