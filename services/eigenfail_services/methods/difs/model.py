@@ -95,7 +95,7 @@ class ConditionalDiffusion:
         # Several learners share a machine, and sums over threads would depend on their number.
         torch.set_num_threads(1)
         # Otherwise convolutions on a GPU are rounded, and not the same each time.
-        torch.backends.cudnn.deterministic, torch.backends.cudnn.allow_tf32 = True, False
+        torch.backends.cudnn.set_flags(_deterministic=True, _allow_tf32=False)  # type: ignore[no-untyped-call]
         self._settings = settings
         self._shape = horizon, channels
         self._jitter = settings.choose_jitter(horizon)
