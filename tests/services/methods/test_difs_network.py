@@ -204,7 +204,7 @@ def test_moved_samples_keep_regions_that_a_network_of_its_own_samples_loses():
         return len(set(zip(begin[found] // 6, largest[found] > 0, strict=True)))
 
     without, moved = (sum(count_regions(share, seed) for seed in (5, 6)) for share in (0.0, 0.3))
-    assert moved > without
+    assert moved >= without + 2
     assert moved >= 10
 
 

@@ -38,19 +38,19 @@ MOVED = "moved."
 """Prefix of the arrays of moved trajectories in a state."""
 
 FEWEST_MOVED = 5
-"""With fewer moved trajectories in the elite, they have no share of their own."""
+"""Least number of moved trajectories in the elite that together get half of its weight."""
 
 SMALLEST_EXCESS = 1.0
 """Excess that is asked for at first, at least: the standard deviation under p(x)."""
 
 FEWEST_FAILURES = 5
-"""With so many failures, their median excess is the most that is asked for: bolder samples would
-take the search away from likely failures that the network has not learnt yet."""
+"""Once so many failures are known, their median excess limits the excess of samples. Bolder samples
+would lead the search away from likely failures, which the network has yet to learn."""
 
 LARGEST_SQUARE, LARGEST_EXCESS = 4.0, 30.0
-"""Mean z² and excess that are asked for, at most; the larger of the two limits counts. Without a
-limit, a search that finds nothing would ask for ever more. With few random numbers, a mean z² of 4
-is no rare noise, and the limit of the excess counts."""
+"""Limits of the mean z² and of the excess of samples; the higher limit counts. Without a limit, a
+search that finds no failures would ask for ever bolder noise. If an episode has few random numbers,
+a mean z² of 4 is common under p(x), and the limit of the excess is the higher one."""
 
 
 def weigh_elite(elite: NDArray[np.bool_], moved: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -269,7 +269,12 @@ class DiffusionFailureSampling:
             self._update_facts(excess=max(self._facts.excess, SMALLEST_EXCESS) * 2.0**missed)
 
     def _choose_excess(self, of_elite: Floats, of_failures: Floats) -> None:
-        """Begin with the median excess of the first elite; limit it by that of known failures."""
+        """Choose the first excess, the median of the elite; keep every excess within its limits.
+
+        Args:
+            of_elite: excess of the elite.
+            of_failures: excess of the failures so far.
+        """
         asked, most = self._facts.excess, self._largest_excess
         if not self._model.trained:
             asked = max(float(np.median(of_elite)), SMALLEST_EXCESS)

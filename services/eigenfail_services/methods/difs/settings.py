@@ -133,8 +133,8 @@ class DifsPlan(msgspec.Struct, frozen=True):
         elite_share: share of the elite in a batch.
         target_rate: share of the network's samples that should fail, by the excess that they are
             asked for; None: the network is not told the excess.
-        preference: logarithm of the weight of the elite's likeliest trajectory ÷ that of its
-            least likely one.
+        preference: how strongly training prefers likely noise: in the elite, the likeliest
+            trajectory weighs exp(preference) times as much as the least likely one.
     """
 
     initial: int
