@@ -58,10 +58,10 @@ class Case(NamedTuple):
 CASES = {
     "monte_carlo": Case("monte_carlo", {}, 1_000_000),
     "many": Case("monte_carlo", {"round_size": 2_000}, 1_000_000),
-    "ast": Case("ast", {"converged_share": None}, 1_000, skipped=8),
+    "ast": Case("ast", {}, 1_000, skipped=8),
     "difs": Case("difs", {}, 1_000),
     "monte_carlo_parallel": Case("monte_carlo", {}, 1_000_000, parallel=1_000),
-    "ast_parallel": Case("ast", {"converged_share": None}, 2_000, skipped=8, parallel=100),
+    "ast_parallel": Case("ast", {}, 2_000, skipped=8, parallel=100),
 }
 
 

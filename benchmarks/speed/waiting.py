@@ -29,9 +29,7 @@ def learner_share() -> Figure:
 
 def waiting(client: Client) -> float:
     """`share_waiting` of a campaign of `ast`."""
-    created = client.campaigns.create(
-        name="waiting", method="ast", episodes=EPISODES, seed=1, settings={"converged_share": None}
-    )
+    created = client.campaigns.create(name="waiting", method="ast", episodes=EPISODES, seed=1)
     ended = client.campaigns.wait(created.id, timeout_s=600)
     if ended.counts.completed != EPISODES:
         raise SystemExit(f"bench: {ended.state}, {ended.counts}: {ended.stopped_because}")

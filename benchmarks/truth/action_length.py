@@ -35,12 +35,12 @@ PAPER: Mapping[str, Any] = MappingProxyType(
         "n_step": 1,
         "amplitude": 3.0,
         "patience": None,
-        "converged_share": None,
+        "averaged": 1,
     }
 )
 """Values of the paper's main runs. The paper does not give `gamma`, `n_step` and the amplitude.
 
-There are neither restarts nor an end of training.
+There are no restarts, and an evaluation runs the last policy.
 """
 
 SHORT_AND_LONG_S = (0.1, 1.0)

@@ -44,7 +44,6 @@ LIKELY = {
     "c_dist": 15.0,
     "entropy": 30.0,
     "target_entropy": -2.0,
-    "converged_share": None,
 }
 """AST that weighs log p more than its defaults do: where it is held against noise by chance."""
 

@@ -131,8 +131,9 @@ are for this seed alone: a row is one campaign.
   uncovers a slow car. In the *cut-in*, a car changes into the lane. A *cause* names the challenge
   whose vehicle was struck, and says whether the planner had lost its track of that vehicle
   ([world](world.md#the-scenario-highway_drive)).
-- **Settings**: `ast` and `difs` have our defaults. `ast_paper` has the settings of the paper's main
-  runs, with four gradient steps for each decision, and our defaults for all others; `difs_paper`
+- **Settings**: `ast` and `difs` have our defaults, but trainings of AST end after 100 failures in a
+  row, and evaluations run the last policy. `ast_paper` has the settings of the paper's main runs,
+  with four gradient steps for each decision, and the settings of `ast` for all others; `difs_paper`
   has the paper's schedule. White noise with the paper's sigma is on every vehicle: ten channels.
 {earlier_difs}- **Searches follow** the smallest *time to collision* of an episode
   ([importance](requirements.md#importance)). The paper uses the smallest distance. Here a passing

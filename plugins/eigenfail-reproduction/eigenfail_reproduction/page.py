@@ -156,17 +156,19 @@ SETTINGS = {
 - Buffers of the sweep hold a fiftieth of the paper's decisions, which are as many episodes. The
   buffer of `ast_paper` holds the paper's 10,000 decisions.
 - stable-baselines3 trains `ast_paper` and the campaigns of the sweep. Returns are of one decision,
-  gamma is 0.99, and trainings are not restarted. As by default, noise is within 2 sigma, and a
-  training ends after 100 failures in a row.
+  gamma is 0.99, and trainings are not restarted. As by default, noise is within 2 sigma.
 - `ast` has our defaults, except for settings that grow with the number of steps: alpha, c_dist and
   the initial entropy are seven times the default.
+- Trainings of AST end after 100 failures in a row, and evaluations run the last policy. By default
+  training goes on, and evaluations run the mean of the last policies.
 - `cut_in` was tuned so that `idm` often fails and `rulebook` seldom under p(x), and so that
   `rulebook` crashes if noise is held. The defaults of `ast` were tuned on `cut_in` and `rulebook`.
   Statements that compare planners or methods hold partly by this choice. The settings above were
   chosen in trials with the seeds 11 and 12.
 """,
     "highway_drive": """\
-- `ast` has our defaults. `ast_paper` has them for all settings that the paper does not vary.
+- `ast` has our defaults, and `ast_paper` for all settings that the paper does not vary. But
+  trainings end after 100 failures in a row, and evaluations run the last policy.
 - `highway_drive` was tuned so that `rulebook` seldom fails under p(x) on every vehicle, and then by
   several causes. The defaults of `ast` were tuned on another scenario, `cut_in`, with noise on one
   vehicle. Searches follow the smallest time to collision: the smallest distance is the same in

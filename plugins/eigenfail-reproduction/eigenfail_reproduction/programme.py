@@ -57,6 +57,10 @@ CHOSEN: Mapping[str, Any] = MappingProxyType(
 )
 """What the paper chose for its main runs."""
 
+LAST_POLICY: Mapping[str, Any] = MappingProxyType({"averaged": 1, "converged_share": 1.0})
+"""An evaluation of AST runs the policy with which training ended, after 100 failures in a row or at
+the end of the campaign: the paper has no mean of policies."""
+
 HELD_S = 1.0
 """Duration of an action, and of one draw of held noise."""
 
@@ -110,15 +114,15 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
     def learners(self) -> Mapping[str, tuple[str, Mapping[str, Any]]]:
         """Method and settings of each of `LEARNERS`."""
         return {
-            "ast": ("ast", self.ours),
-            "ast_paper": ("ast", {**CHOSEN, **self.papers}),
+            "ast": ("ast", {**LAST_POLICY, **self.ours}),
+            "ast_paper": ("ast", {**LAST_POLICY, **CHOSEN, **self.papers}),
             "difs": ("difs", {}),
             "difs_paper": ("difs", {"schedule": "paper"}),
         }
 
     def plan_swept(self, **varied: Any) -> dict[str, Any]:
         """Return the settings of the sweep's base, or of a row that varies one of them."""
-        settings = {**SWEPT, **self.papers, **varied}
+        settings = {**LAST_POLICY, **SWEPT, **self.papers, **varied}
         return settings | {"buffer_size": settings["buffer_size"] // self.actions}
 
 

@@ -38,7 +38,8 @@ def test_settings_are_the_papers_where_they_are_called_so():
     found = by_name(build_suite("full"))
     assert found["ast_paper"].settings.items() >= CHOSEN.items()
     assert found["ast_paper"].settings["trainer"] == "sb3"
-    assert found["ast"].settings.keys() == {"hold", "alpha", "c_dist", "entropy"}
+    ours = {"hold", "alpha", "c_dist", "entropy"}
+    assert found["ast"].settings.keys() == {*ours, "averaged", "converged_share"}
     assert found["difs_paper"].settings == {"schedule": "paper"}
     assert found["sweep alpha=500"].settings["alpha"] == 500
     assert found["sweep alpha=500"].settings["c_dist"] == 1000

@@ -21,7 +21,7 @@ BARREN, SOME = (False,) * 100, (False,) * 90 + (True,) * 10
 
 class TestWithRestartsAndAMean(LearnerSuite):
     method = AdaptiveStressTesting
-    settings = MappingProxyType({**QUICK, "patience": 100, "averaged": 3, "converged_share": None})
+    settings = MappingProxyType({**QUICK, "patience": 100, "averaged": 3})
     budget = 300
     rounds = 22
 
@@ -131,7 +131,7 @@ def test_a_restart_begins_with_new_networks_and_an_empty_buffer():
 
 
 def test_the_used_policy_is_the_mean_of_the_last_versions():
-    plain, mean = ast(patience=None), ast(patience=None, averaged=1000)
+    plain, mean = (ast(patience=None, averaged=length) for length in (1, 1000))
     versions = {}
     rounds, engine = Rounds(plain, 0, 100), ToyEngine(EASY)
     while opened := rounds.open():

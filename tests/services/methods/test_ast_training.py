@@ -99,8 +99,8 @@ def test_an_action_is_stored_by_the_amplitude_under_which_it_was_chosen():
     np.testing.assert_allclose(stored, chosen / 3.0, rtol=1e-5)
 
 
-def test_exploiting_uses_the_newest_policy_and_changes_nothing():
-    learner = ast(amplitude=3.0)
+def test_exploiting_without_a_mean_uses_the_newest_policy_and_changes_nothing():
+    learner = ast(amplitude=3.0, averaged=1)
     run(learner, 40)
     before = learner.state()
     used = learner.exploit(7)
@@ -108,6 +108,17 @@ def test_exploiting_uses_the_newest_policy_and_changes_nothing():
     assert used.sources == (PolicySource(used.policy.version),) * 7
     assert used.policy.amplitude == 3.0
     assert same(used.policy, learner.propose(1).policy)
+
+
+def test_a_state_without_a_mean_is_used_by_its_newest_policy():
+    """Campaigns that ran when the last policy was the default have such a state."""
+    learner = ast(averaged=1)
+    run(learner, 60)
+    again = ast()
+    again.restore(learner.state())
+    assert same(again.exploit(1).policy, learner.exploit(1).policy)
+    run(again, 40)
+    assert not same(again.exploit(1).policy, again.propose(1).policy)
 
 
 def predecessor(learner, **settings):

@@ -57,7 +57,7 @@ class PolicyAverage:
         return {"average.weights": self._weights, "average.count": counted}
 
     def load(self, arrays: Arrays, policy: Policy) -> None:
-        """Restore the state.
+        """Restore the state; without a mean in it, the mean is the last version.
 
         Args:
             arrays: result of `arrays`.
@@ -66,7 +66,7 @@ class PolicyAverage:
         Raises:
             ValueError: an array is missing or has another shape.
         """
-        if self._length == 1:
+        if not any(name.startswith("average.") for name in arrays):
             return
         self._count = int(take(arrays, "average.count", (1,))[0])
         size = sum(array.size for array in _list_weights(policy)) if self._count else 0

@@ -199,8 +199,8 @@ class AdaptiveStressTesting:
     amplitude and held for `hold` steps. Draws from the prior would be useless, as any tracker
     filters white noise.
 
-    If `converged_share` of the last 100 episodes failed, training ends, and the campaign continues
-    with the present policy. If almost none failed after `patience` episodes, training restarts with
+    If `converged_share` is set, training ends when this share of the last 100 episodes failed, and
+    the campaign continues with the present policy. If almost none failed after `patience` episodes, training restarts with
     new networks and a larger amplitude, up to `largest_amplitude`.
 
     Raises:

@@ -46,10 +46,9 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     - `target_entropy`: at -2, a few of a thousand episodes do not fail.
     - `gradient_steps`: over twelve seeds of `cut_in`, one step per decision gave about as many
       failures in 1000 episodes as two steps, and likelier ones.
-    - `converged_share`: a smaller share ends training with a policy that finds fewer failures.
-    - `averaged`: the last version may have lost a corner of the scenario that earlier versions had.
-      The default is 1, because a trained policy that ends its training with 100 failures in a row
-      has lost nothing.
+    - `averaged`, `converged_share`: the last version may have lost a corner of the scenario that
+      earlier versions had. The mean of many versions has all of them, if training goes on: more
+      episodes fail at unseen places, and failures are likelier (`docs/methods.md`).
     - `patience`: without restarts, one seed may find a few failures and another seed hundreds.
     - `reward`: `dissimilarity` gives more diverse but somewhat fewer failures.
 
@@ -119,7 +118,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     converged_share: Annotated[
         UpToOne | None,
         Meta(description="share of failures in 100 episodes that ends training; None: no end"),
-    ] = 1.0
+    ] = None
     averaged: Annotated[
         int,
         Meta(
@@ -127,7 +126,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             le=10_000,
             description="versions in the running mean of weights that `evaluate` uses; 1: the last",
         ),
-    ] = 1
+    ] = 20
     patience: Annotated[
         Annotated[int, Meta(ge=100, le=1_000_000)] | None,
         Meta(
