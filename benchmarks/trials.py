@@ -114,7 +114,13 @@ TRIALS = [
         ("ast.transfer.", "ast.transfer_worst", "ast.transfer_median"),
         transfer.over_a_distribution,
     ),
-    Trial(("ast.one_scenario_default.", "ast.transfer_default_"), transfer.from_one_scenario),
+    *(
+        Trial(
+            (f"ast.one_scenario_{name}.", f"ast.transfer_{name}_"),
+            partial(transfer.from_one_scenario, name),
+        )
+        for name in transfer.RECIPES
+    ),
     Trial(("ast.length.",), action_length.find),
     Trial(("ast.merge_in_worst",), merge_by_default),
     Trial(("ast.fast_equals_sb3",), trainers.find_difference),

@@ -44,6 +44,7 @@ LIKELY = {
     "c_dist": 15.0,
     "entropy": 30.0,
     "target_entropy": -2.0,
+    "averaged": 20,
 }
 """AST that weighs log p more than its defaults do: where it is held against noise by chance."""
 

@@ -1,7 +1,7 @@
 """Figures: whether a policy of AST fails the planner elsewhere, from ten seeds: worst and median.
 
 One policy is the best of those that `examples/transfer.toml` trains over a distribution of the
-scenario. The others are trained at its defaults. All are then used without learning,
+scenario. The others are trained at its defaults, by `RECIPES`. All are then used without learning,
 over `JUDGED` and at `PLACES`, where the initial gap is always the scenario's default.
 """
 
@@ -82,12 +82,22 @@ def over_a_distribution(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Fig
     yield from summarize("ast.transfer", found)
 
 
-def from_one_scenario(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
-    """A policy with the default settings, trained at the scenario's defaults."""
-    spec = CampaignSpec(name="ast", method="ast", episodes=1000, scenario="cut_in")
+RECIPES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {"default": {}, "alpha_600": {"alpha": 600.0}}
+)
+"""Settings of a policy that is trained at the scenario's defaults: a near miss costs twice as much
+with the second one."""
+
+
+def from_one_scenario(name: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
+    """A policy of one of the recipes, trained at the scenario's defaults."""
+    settings = dict(RECIPES[name])
+    spec = CampaignSpec(
+        name="ast", method="ast", episodes=1000, scenario="cut_in", settings=settings
+    )
     found = list_transfers(pool, spec, list_seeds(seed))
-    yield from find_worst_places("ast.transfer_default", found, seed)
-    yield from summarize("ast.one_scenario_default", found)
+    yield from find_worst_places(f"ast.transfer_{name}", found, seed)
+    yield from summarize(f"ast.one_scenario_{name}", found)
 
 
 def find_worst_places(
