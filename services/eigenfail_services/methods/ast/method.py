@@ -200,8 +200,8 @@ class AdaptiveStressTesting:
     filters white noise.
 
     If `converged_share` is set, training ends when this share of the last 100 episodes failed, and
-    the campaign continues with the present policy. If almost none failed after `patience` episodes, training restarts with
-    new networks and a larger amplitude, up to `largest_amplitude`.
+    the campaign continues with the present policy. If almost none failed after `patience` episodes,
+    training restarts with new networks and a larger amplitude, up to `largest_amplitude`.
 
     Raises:
         InvalidValue: the campaign of `warm_start` is not available or does not fit.
