@@ -46,5 +46,11 @@ def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
 def make_spec(seed: int, parallel: int | None) -> CampaignSpec:
     """Return the campaign of a seed."""
     return CampaignSpec(
-        name="ast", method="ast", episodes=EPISODES, seed=seed, scenario="cut_in", parallel=parallel
+        name="ast",
+        method="ast",
+        episodes=EPISODES,
+        seed=seed,
+        settings={"converged_share": 1.0},
+        scenario="cut_in",
+        parallel=parallel,
     )

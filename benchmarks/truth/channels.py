@@ -96,11 +96,11 @@ def list_places() -> list[tuple[str, str, str]]:
 
 
 def make_spec(scenario: str, channels: str, method: str, seed: int) -> CampaignSpec:
-    """Return a campaign with the defaults of its method; `ast` is one search without restarts."""
+    """Return a campaign with the defaults of its method; `ast` is one training, which may end."""
     spec = CampaignSpec(
         name=f"{method} with {channels}",
         method=method,
-        settings={"patience": None} if method == "ast" else {},
+        settings={"patience": None, "converged_share": 1.0} if method == "ast" else {},
         episodes=EPISODES,
         seed=seed,
         scenario=scenario,

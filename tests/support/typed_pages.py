@@ -268,7 +268,7 @@ def shell(folder):
 
 @contextmanager
 def demo_in(folder, *methods):
-    """What `make demo` leaves behind, with fewer episodes of the first of its methods."""
+    """What `make demo` leaves behind, with all of the noise and fewer episodes."""
     with shell(folder) as here:
         here.run("eigenfail up --data demo-data")
         here.type("export EIGENFAIL_DATA=demo-data")

@@ -48,7 +48,7 @@ SMALLER_BUFFERS = (
     "with an action in each step. The paper's buffer_size of 1,000,000 was not run."
 )
 WHOLE_BUFFERS = (
-    f"{OF_SWEEP} Its other settings are our defaults. The paper's buffer_size of 1,000,000 would "
+    f"{OF_SWEEP} Its other settings are those of `ast`. The paper's buffer_size of 1,000,000 would "
     "give the base again: 300 episodes have fewer than 100,000 decisions."
 )
 OF_PAPERS_SWEEP = (

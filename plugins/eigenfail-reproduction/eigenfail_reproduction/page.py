@@ -157,10 +157,10 @@ SETTINGS = {
   buffer of `ast_paper` holds the paper's 10,000 decisions.
 - stable-baselines3 trains `ast_paper` and the campaigns of the sweep. Returns are of one decision,
   gamma is 0.99, and trainings are not restarted. As by default, noise is within 2 sigma.
-- `ast` has our defaults, except for settings that grow with the number of steps: alpha, c_dist and
-  the initial entropy are seven times the default.
+- `ast` has our defaults, except for the end of training and for settings that grow with the number
+  of steps: alpha, c_dist and the initial entropy are seven times the default.
 - Trainings of AST end after 100 failures in a row, and evaluations run the last policy. By default
-  training goes on, and evaluations run the mean of the last policies.
+  training goes on, and evaluations run the mean of many policies.
 - `cut_in` was tuned so that `idm` often fails and `rulebook` seldom under p(x), and so that
   `rulebook` crashes if noise is held. The defaults of `ast` were tuned on `cut_in` and `rulebook`.
   Statements that compare planners or methods hold partly by this choice. The settings above were

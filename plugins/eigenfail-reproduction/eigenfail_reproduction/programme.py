@@ -30,7 +30,8 @@ SWEPT: Mapping[str, Any] = MappingProxyType(
         "gradient_steps": GRADIENT_STEPS,
     }
 )
-"""Settings of the paper's sweep; all others are those of the programme, or our defaults."""
+"""Settings of the paper's sweep; all others are those of the programme, `LAST_POLICY`, or
+our defaults."""
 
 SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
     {
@@ -79,7 +80,7 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
             last word of the member's name.
         step_s: duration of a step. [s]
         planners: settings of each planner, by its name.
-        ours: settings of `ast` besides its defaults.
+        ours: settings of `ast` besides its defaults and `LAST_POLICY`.
         papers: settings of `ast_paper` and of the sweep that the paper does not vary.
         actions: number of the paper's actions that one of ours replaces. Buffers of the sweep are
             smaller by this factor, so that they hold as many episodes as the paper's.

@@ -20,8 +20,12 @@ from eigenfail_searches.chains.diagnostics import measure_projections
 from eigenfail_searches.chains.method import ChainSettings, read_state
 
 SEEDS = 3
-FOUND_IN = {"splitting": 20_000, "ast": 400}
-"""Episodes of the campaign that finds the failures of which chains start, by its method."""
+FOUND_IN: dict[str, tuple[int, dict[str, float]]] = {
+    "splitting": (20_000, {}),
+    "ast": (400, {"converged_share": 1.0}),
+}
+"""Episodes and settings of the campaign that finds the failures of which chains start, by its
+method."""
 
 UNSEEN = 300
 """Added to the seed: the settings of chains were chosen with failures of the seeds below."""
@@ -44,7 +48,8 @@ OF_Z = "log p(z) per step, z standardised"
 def chains(method: str, prefix: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Campaigns of chains from the failures of a method, one for each seed."""
     seeds = range(seed + UNSEEN, seed + UNSEEN + SEEDS)
-    found_in = [spec_of(method, FOUND_IN[method], each) for each in seeds]
+    episodes, settings = FOUND_IN[method]
+    found_in = [spec_of(method, episodes, each, **settings) for each in seeds]
     starts = [[one.z for one in run.crashes] for run in side_by_side(pool, found_in)]
     specs = [spec_of("chains", MOVED, each, **SETTINGS[method]) for each in seeds]
     runs = pool.each(search, specs, [None] * SEEDS, starts)

@@ -375,7 +375,7 @@ def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> It
     yield f"{_count_failed_again(proof.reproduced, 'eigenfailures', unit)} in the same scenario."
     # Of one scenario these counts would repeat the sentence above.
     if len(proof.scenarios) > 1:
-        pairs = f"({len(proof.modes)} {noun}s, {len(proof.scenarios)} scenarios)"
+        pairs = f"({figures.count_noun(len(proof.modes), noun)}, {len(proof.scenarios)} scenarios)"
         kinds = {"eigenfailures": proof.eigenfailures, "medoids": proof.medoids}
         for kind, found in kinds.items():
             yield f"{_count_failed_again(found, f'replays of {kind}', unit)} {pairs}."

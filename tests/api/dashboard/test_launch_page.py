@@ -101,7 +101,7 @@ def test_what_docstrings_say_of_fields_is_their_help():
 
 
 SPECS = [
-    {"method": "ast", "settings": {"hidden": [8, 4], "converged_share": None, "tau": 1e-05}},
+    {"method": "ast", "settings": {"hidden": [8, 4], "patience": None, "tau": 1e-05}},
     {"method": "replay", "settings": {"campaign": 3, "what": ["medoid"], "episodes": [1, 2]}},
     {"method": "ensemble", "settings": {"method": "cem", "settings": {"batch": 7}}},
     {

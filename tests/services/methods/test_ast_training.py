@@ -84,7 +84,7 @@ def test_training_goes_on_where_it_does_not_converge(share, corridor):
 def test_convergence_outlasts_a_restart():
     learner = ast(converged_share=0.5)
     run(learner, 300, EASY)
-    again = ast(converged_share=0.5, seed=5)
+    again = ast(seed=5)
     again.restore(learner.state())
     assert again.trained_episodes == learner.trained_episodes < 300
     run(again, 20, EASY)

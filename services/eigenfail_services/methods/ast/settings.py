@@ -30,7 +30,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     The defaults suit some hundred episodes of ten decisions. They were tuned on `rulebook` and
     `cut_in`; `docs/methods.md` shows their results on other seeds. The reasons below come from the
-    tuning trials, whose figures were kept only for `gradient_steps`:
+    tuning trials. Figures were kept for `gradient_steps` and `averaged`:
 
     - `n_step`, `gamma`: an episode earns nearly its whole reward at its end, and one-step returns
       carry it back too slowly. At `hold` 10, ten decisions are the whole episode. Then target
@@ -47,9 +47,9 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     - `gradient_steps`: over twelve seeds of `cut_in`, one step per decision gave about as many
       failures in 1000 episodes as two steps, and likelier ones.
     - `averaged`, `converged_share`: the last version may have lost a corner of the scenario that
-      earlier versions had. So training goes on, and many versions are averaged. In trials on
-      `cut_in`, the mean of 20 versions failed in 50 % of the episodes at the worst of twelve unseen
-      places and 20 seeds, the mean of 50 in 83 %, that of 100 in 93 %. But where a training finds
+      earlier versions had. So training goes on, and many versions are averaged. Trials on `cut_in`
+      had 20 seeds and twelve unseen places. At the worst of all, the mean of 20 versions failed in
+      50 % of the episodes, that of 50 in 83 %, and that of 100 in 93 %. But where a training finds
       failures late (`merge_in`), the mean of 100 holds versions that had not learnt yet.
     - `patience`: without restarts, one seed may find a few failures and another seed hundreds.
     - `reward`: `dissimilarity` gives more diverse but somewhat fewer failures.
