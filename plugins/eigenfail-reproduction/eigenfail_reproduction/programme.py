@@ -59,8 +59,8 @@ CHOSEN: Mapping[str, Any] = MappingProxyType(
 """What the paper chose for its main runs."""
 
 LAST_POLICY: Mapping[str, Any] = MappingProxyType({"averaged": 1, "converged_share": 1.0})
-"""An evaluation of AST runs the policy with which training ended, after 100 failures in a row or at
-the end of the campaign: the paper has no mean of policies."""
+"""Training ends after 100 failures in a row, or with the campaign. An evaluation runs the policy of
+that time, because the paper does not average policies."""
 
 HELD_S = 1.0
 """Duration of an action, and of one draw of held noise."""

@@ -24,8 +24,7 @@ FOUND_IN: dict[str, tuple[int, dict[str, float]]] = {
     "splitting": (20_000, {}),
     "ast": (400, {"converged_share": 1.0}),
 }
-"""Episodes and settings of the campaign that finds the failures of which chains start, by its
-method."""
+"""Episodes and settings of the campaign whose failures chains start from, by its method."""
 
 UNSEEN = 300
 """Added to the seed: the settings of chains were chosen with failures of the seeds below."""

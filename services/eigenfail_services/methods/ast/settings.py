@@ -48,9 +48,10 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
       failures in 1000 episodes as two steps, and likelier ones.
     - `averaged`, `converged_share`: the last version may have lost a corner of the scenario that
       earlier versions had. So training goes on, and many versions are averaged. Trials on `cut_in`
-      had 20 seeds and twelve unseen places. At the worst of all, the mean of 20 versions failed in
-      50 % of the episodes, that of 50 in 83 %, and that of 100 in 93 %. But where a training finds
-      failures late (`merge_in`), the mean of 100 holds versions that had not learnt yet.
+      had 20 seeds and twelve unseen places. With the worst seed at the worst place, 50 % of the
+      episodes failed under the mean of 20 versions, 83 % under the mean of 50, and 93 % under the
+      mean of 100. If a training finds failures late (`merge_in`), the mean of 100 includes
+      versions that had not learnt yet.
     - `patience`: without restarts, one seed may find a few failures and another seed hundreds.
     - `reward`: `dissimilarity` gives more diverse but somewhat fewer failures.
 
